@@ -5,9 +5,9 @@
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make docs    the documentation as a site, in out/site
-# make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
-#              with every drive over vcan and over two CAN controllers, the bus lost in every way
-# tests/proofs/busy.sh  the case study ten times on a busy machine
+# make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, every input to
+#              a robot that runs, the case study with every drive over vcan and over two CAN controllers, the bus lost in every way
+# tests/proofs/busy.sh  the case study ten times and the tests three times on a busy machine
 # make bench   how fast this machine runs the loop
 # make test-compiled, make bench-compiled: the tests of the loop and of the rig, and the bench, with a compiled install
 
@@ -75,6 +75,7 @@ disk: $(READY)
 
 prove: $(READY) coverage
 	$(VENV)/bin/python -m pytest -m proof --timeout 0 -s
+	$(VENV)/bin/segway-ecc prove inputs
 	for cart in $(CARTS); do $(MAKE) prove-$$cart || exit 1; done
 	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc prove failover $$cart --channel $$cart || exit 1; done
 

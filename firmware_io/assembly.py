@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from segway_ecc.firmware_io.command_gate import CommandGate
 from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.firmware_io.heartbeat import GuardHeartbeat
 from segway_ecc.firmware_io.links.link import Link, NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching
@@ -36,11 +36,11 @@ class Assembly:
         sensors: Sequence[Sensor] = (),
         now_ns: NowNs = time.monotonic_ns,
         *,
-        heartbeat: GuardHeartbeat | None = None,
+        gate: CommandGate | None = None,
     ) -> None:
         """Join devices that send over `link`; ValueError where two want the same frame or measure the same signal.
 
-        `heartbeat` signals the guard after every exchange that commands were sent, whichever line they took.
+        Without a `gate` the robot is alone on its bus, and commands of any age are sent.
         """
         self._link = link
         self._drives = tuple(drives)
@@ -63,13 +63,19 @@ class Assembly:
         self._parts = [(drive, slice(end - len(drive.commands), end)) for drive, end in zip(drives, ends, strict=True)]
         self._received_ns: dict[str, int] = {}
         self._armed = False
-        self._heartbeat = heartbeat
+        self._gate = CommandGate(drives, None, None, now_ns) if gate is None else gate
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self.switching = Switching(link, now_ns) if isinstance(link, RedundantLink) else None
 
     def open(self) -> None:
-        """Open the link and start every device; see `Hardware.open`."""
+        """Claim the bus, open the link and start every device; see `Hardware.open`.
+
+        Raises:
+            BusOwnedError: Another controller owns the bus, on this machine or by the frames on it; nothing was sent.
+        """
+        self._gate.claim()
         self._link.open()
+        self._gate.look_for_another(self._link)
         for device in self._devices:
             device.start()
 
@@ -77,14 +83,19 @@ class Assembly:
         """Hand out what has arrived, send the commands, return the newest snapshot; see `Hardware.exchange`."""
         for frame in self._link.receive():
             device = self._listeners.get((frame.arbitration_id, frame.is_extended))
-            if device is not None and device.take_frame(frame) and self.switching is not None:
+            if device is None:
+                self._gate.strangers.take_frame(frame)
+            elif device.take_frame(frame) and self.switching is not None:
                 self._received_ns[device.name] = frame.received_ns
         if self.switching is not None:
             self._switch(self.switching)
         if commands is not None:
-            for drive, part in self._parts:
-                drive.command(commands[part])
-            self._beat()
+            if self._gate.passes(self._events, is_armed=self._armed):
+                for drive, part in self._parts:
+                    drive.command(commands[part])
+            else:
+                for drive in self._drives:
+                    drive.disable()
         return self._snapshot()
 
     def arm(self) -> None:
@@ -93,26 +104,27 @@ class Assembly:
         if reasons:
             raise ArmingRefusedError(reasons)
         self._armed = True
+        self._gate.begin()
         for drive in self._drives:
             drive.enable()
 
     def arming_failures(self) -> Sequence[str]:
-        """The pre-arm checks of the drives and sensors that fail; see `Hardware.arming_failures`."""
-        return [reason for device in self._devices for reason in device.arming_failures()]
+        """The pre-arm checks of drives, sensors and bus that fail; see `Hardware.arming_failures`."""
+        reasons = [reason for device in self._devices for reason in device.arming_failures()]
+        return [*reasons, *self._gate.arming_failures()]
 
     def disarm(self) -> None:
         """Send zero with the motors off."""
         self._armed = False
+        self._gate.end()
         for drive in self._drives:
             drive.disable()
-        self._beat()
 
     def close(self) -> None:
-        """Disarm and close the link."""
+        """Disarm, close the link and give the bus back."""
         self.disarm()
         self._link.close()
-        if self._heartbeat is not None:
-            self._heartbeat.close()
+        self._gate.close()
 
     @property
     def health(self) -> Mapping[str, str]:
@@ -123,11 +135,7 @@ class Assembly:
             health |= {f"{device.name}.{name}": text for name, text in device.health.items()}
         if self.switching is not None:
             health |= self.switching.health
-        return health
-
-    def _beat(self) -> None:
-        if self._heartbeat is not None:
-            self._heartbeat.beat(is_on=self._armed)
+        return {**health, **self._gate.health}
 
     def _switch(self, switching: Switching) -> None:
         # Which drives answer on the standby line; sensors that are only on that line are read there too.
@@ -167,7 +175,7 @@ class Assembly:
                 ]
             else:
                 valid += readings.valid
-        faults: tuple[str, ...] = ()
+        faults = self._gate.faults
         ready, off = True, not self._armed
         for drive in self._drives:
             faults += drive.faults()

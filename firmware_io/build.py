@@ -6,19 +6,20 @@ The parts of a family are imported where one is built: a robot starts without th
 # ruff: noqa: PLC0415 - see above
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.clock import Clock
+from segway_ecc.firmware_io.command_gate import CommandGate
 from segway_ecc.firmware_io.devices import Drive, Sensor
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.hardware import Hardware
-from segway_ecc.firmware_io.heartbeat import HeartbeatSender
+from segway_ecc.firmware_io.heartbeat import BusOwner
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
@@ -27,6 +28,8 @@ from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
 if TYPE_CHECKING:
     from segway_ecc.firmware_io.links.serial_link import OpenPort, SerialCodec
 
+_STALE_PERIODS: Final = 3
+"""Of a loop so slow that its drives' watchdog would not do: commands may be as late as this."""
 HardwareSettings = WheelBoardSettings | VescSettings | Cia402Settings | OdriveSettings
 """The drive families, distinguished by `type` in the robot file."""
 
@@ -112,20 +115,24 @@ def build_hardware(
     if imu is not None:
         from segway_ecc.firmware_io.imus.xsens_mti.driver import XsensMti
 
-        sensors = [*sensors, XsensMti(used, imu, loop_period_s, clock.now_ns)]
-    # What runs on a link of the rig has no guard, and must be the same every time.
-    heartbeat = HeartbeatSender(settings.can) if link is None else None
-    return Assembly(used, drives, sensors, clock.now_ns, heartbeat=heartbeat)
+        sensors = [*sensors, XsensMti(used, imu, loop_period_s, clock.now_ns, settings.ride_through_s)]
+    # What runs on a link of the rig is alone there, has no guard, and must be the same every time.
+    owner = None
+    if link is None:
+        owner = BusOwner(settings.can, clock.now_ns, needs_guard=settings.guard == "required")
+    stale_ns = round(max(settings.watchdog_s, _STALE_PERIODS * loop_period_s) * 1e9)
+    gate = CommandGate(drives, owner, stale_ns, clock.now_ns)
+    return Assembly(used, drives, sensors, clock.now_ns, gate=gate)
 
 
 def _devices(
     settings: HardwareSettings, link: Link, period_s: float, clock: Clock
 ) -> tuple[Sequence[Drive], Sequence[Sensor]]:
     match settings:
-        case WheelBoardSettings(watchdog_s=watchdog_s, imu=imu):
+        case WheelBoardSettings():
             from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 
-            return [WheelBoard(link, watchdog_s, period_s, clock.now_ns, imu=imu)], []
+            return [WheelBoard(link, settings, period_s, clock.now_ns)], []
         case VescSettings():
             from segway_ecc.firmware_io.drives.vesc.driver import Vesc
 

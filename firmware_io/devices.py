@@ -99,10 +99,12 @@ class Drive(Sensor, MotorState, Protocol):
     Attributes:
         commands: Names of the values it takes, such as `left.torque`, with their units.
         limits: Largest magnitude of each command.
+        commanded_by: The frames that command it, which nobody but its own node may send.
     """
 
     commands: Mapping[str, str]
     limits: Sequence[float]
+    commanded_by: Collection[FrameKey]
 
     def enable(self) -> None:
         """Begin to switch the motors on, through the drive's own states; zero is sent until it confirms."""
@@ -120,23 +122,40 @@ def stale_after_ns(frame_period_s: float, loop_period_s: float) -> int:
 
 
 class Freshness(Generic[Kind]):
-    """Remembers when each kind of frame of one device last arrived intact.
+    """Remembers when each kind of frame of one device last arrived intact; `newest_ns` is when any did, None before.
 
-    Attributes:
-        newest_ns: When the newest of them all arrived; None before the first.
+    A device that was silent for longer than its quickest kind may be has made a gap.
     """
 
-    def __init__(self, stale_ns: Mapping[Kind, int], now_ns: NowNs) -> None:
-        """Follow the kinds that are keys of `stale_ns`, whose values are the ages above which they are not valid."""
+    def __init__(self, stale_ns: Mapping[Kind, int], now_ns: NowNs, ride_through_s: float = 0.0) -> None:
+        """Follow the kinds that are keys of `stale_ns`, whose values are the ages above which they are not valid.
+
+        A gap of up to `ride_through_s`, s, leaves every kind valid.
+        """
         self.newest_ns: int | None = None
         self._stale_ns = stale_ns
         self._now_ns = now_ns
+        self._ride_ns = round(ride_through_s * 1e9)
         self._received_ns: dict[Kind, int] = {}
+        self._gap_ns = min(stale_ns.values())
+        self._gaps = self._longest_ns = 0
 
     def mark(self, kind: Kind, received_ns: int) -> None:
         """Note that a frame of this kind arrived intact."""
         self._received_ns[kind] = received_ns
-        self.newest_ns = received_ns if self.newest_ns is None else max(self.newest_ns, received_ns)
+        newest_ns = self.newest_ns
+        if newest_ns is None:
+            self.newest_ns = received_ns
+        elif received_ns > newest_ns:
+            self.newest_ns = received_ns
+            if received_ns - newest_ns > self._gap_ns:
+                self._gaps += 1
+                self._longest_ns = max(self._longest_ns, received_ns - newest_ns)
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """How many gaps there were, and the longest, as text."""
+        return {"gaps": str(self._gaps), "longest_gap_ms": f"{self._longest_ns * 1e-6:.1f}"}
 
     def age(self, kind: Kind, stale_ns: int | None = None, now_ns: int | None = None) -> tuple[float, bool]:
         """Age of the newest frame of a kind, s, infinite where none has arrived, and whether it is fresh enough.
@@ -153,14 +172,15 @@ class Freshness(Generic[Kind]):
         limit_ns = self._stale_ns[kind] if stale_ns is None else stale_ns
         if now_ns - self.newest_ns <= limit_ns:
             limit_ns = limit_ns * PATIENCE_PERIODS // STALE_PERIODS
+        if self._ride_ns:  # the first frame after a gap may be refused, by its counter
+            limit_ns = max(limit_ns, self._ride_ns + self._stale_ns[kind])
         return age_ns * 1e-9, age_ns <= limit_ns
 
 
 class WrappedCounter:
     """Follows a counter of a few bits over its wraps; exact, since Python's integers do not wrap.
 
-    Attributes:
-        total: Counts since the first, which counts as itself.
+    `total` are the counts since the first, which counts as itself.
     """
 
     __slots__ = ("_half", "_is_resumed", "_last", "_modulus", "total")

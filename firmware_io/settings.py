@@ -45,9 +45,14 @@ class BusSettings(Section, frozen=True, kw_only=True):
 
     Attributes:
         watchdog_s: How long a drive waits for a command before it switches its motors off by itself, s.
+        ride_through_s: How much longer than otherwise (three of its periods) a device may be silent, s; meanwhile the
+            robot goes on with the last values: one that balances on its estimate does not fall for a gap.
+        guard: Whether the robot arms only while a guard answers.
         external_imu: An IMU of its own on the same bus, where there is one.
     """
 
     can: CanSettings = CanSettings()
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.02, le=0.05)] = 0.05
+    ride_through_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.1)] = 0.0
+    guard: Literal["required", "optional"] = "optional"
     external_imu: XsensMtiSettings | None = None

@@ -40,10 +40,7 @@ class Switching:
 
     To the other line: as soon as the line in use reports that it is lost, cannot send, or some drive is unheard on it,
     if the other is good. Back to the bus: only while the robot is disarmed, once the bus has been good for a while.
-
-    Attributes:
-        switches: The last changes, oldest first.
-        count: How many there were.
+    `switches` are the last changes, oldest first, `count` how many there were.
     """
 
     def __init__(self, link: RedundantLink, now_ns: NowNs) -> None:

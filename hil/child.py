@@ -4,31 +4,10 @@
 Not even a parent that is killed, which can end nothing any more.
 """
 
-import ctypes
-import os
 import runpy
-import signal
 import sys
-from typing import Final
 
-_PR_SET_PDEATHSIG: Final = 1
-"""From linux/prctl.h."""
-
-
-def end_with(parent: int) -> None:
-    """Be killed when the thread that started this process ends; `parent` is that thread's process.
-
-    Killed, and not asked to end: a process that is stopped (SIGSTOP) handles no other signal.
-
-    Raises:
-        OSError: The kernel does not do it.
-    """
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL)) != 0:
-        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
-    if os.getppid() != parent:  # it ended before we asked
-        os.kill(os.getpid(), signal.SIGKILL)
-
+from segway_ecc.node.parent import end_with
 
 if __name__ == "__main__":
     _, first, name, *rest = sys.argv

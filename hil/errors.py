@@ -17,10 +17,10 @@ class PlantMismatchError(RigError):
 
 
 class RunFailedError(RigError):
-    """A run failed each time that it was tried.
+    """A run failed each time that it was tried; `failures` is what happened in each try.
 
     Attributes:
-        failures: What happened in each try.
+        is_spoiled: Whether each of them was of a kind that a stall of the machine causes, and one came with it.
     """
 
     exit_code = 14
@@ -28,7 +28,12 @@ class RunFailedError(RigError):
     def __init__(self, text: str, failures: Sequence[SegwayEccError] = ()) -> None:
         """State what failed, why, and the remedy."""
         self.failures = failures
+        self.is_spoiled = bool(failures) and all(isinstance(each, SpoiledRunError) for each in failures)
         super().__init__(text)
+
+
+class SpoiledRunError(RigError):
+    """A run failed as it does where the machine stalls, which it did meanwhile; in lock step it does not fail."""
 
 
 class NoSimulationError(RigError):

@@ -5,16 +5,20 @@ import base64
 import io
 from collections.abc import Callable
 from html import escape
+from typing import TYPE_CHECKING
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-Draw = Callable[[Figure], None]
+Draw = Callable[["Figure"], None]
 """Draws into an empty figure."""
 
 
 def svg(name: str, size: tuple[float, float], draw: Draw, font_size: float = 10.0) -> bytes:
     """Draw a figure of a size, inches, as SVG; the same drawing gives the same bytes. `name` keeps its ids its own."""
+    import matplotlib as mpl  # noqa: PLC0415 - an extra that all but figures does without
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     settings = {"svg.hashsalt": name, "svg.fonttype": "none", "font.family": "sans-serif", "font.size": font_size}
     with mpl.rc_context(settings):  # type: ignore[arg-type]  # each is one of its settings
         figure = Figure(figsize=size, layout="constrained")

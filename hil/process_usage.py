@@ -15,15 +15,19 @@ _PARENT, _USER, _SYSTEM = 1, 11, 12
 _OWN_MEMORY: Final = ("RssAnon", "RssShmem", "VmSwap")
 """What a process takes for itself. Pages of files are not counted: those of its libraries come and go with the need of
 others, and are given back whenever the kernel wants them."""
+_HELPERS: Final = {
+    "recorder": "segway_ecc.node.recording.writer",
+    "ros": "segway_ecc.node.ros.process",
+    "watchdog": "segway_ecc.node.watchdog.process",
+}
+"""What is found in the command lines of the processes that a node starts, by what they are."""
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Of a process and its children, bytes.
+    """Of a process and its children, bytes: `rss` is resident, what two of them share counts twice.
 
-    Attributes:
-        rss: Resident; what two of them share counts twice.
-        pss: Resident, with what is shared by n processes counted as an n-th.
+    `pss` is resident too, with what is shared by n processes counted as an n-th.
     """
 
     rss: int
@@ -57,10 +61,11 @@ def usage(process: int) -> Usage | None:
     return Usage(memory_kb, shares.get("Pss", 0), files, status["Threads"])
 
 
-def children(process: int) -> dict[int, str]:
-    """The processes that a process started and that still run, each with its command line."""
+def helpers_of(process: int) -> dict[str, int]:
+    """The processes that a node has started and that still run, by what they are: `recorder`, `ros` and `watchdog`."""
     started = (pid for pid, parent in _parents(_PROC).items() if parent == process)
-    return {pid: _read(_PROC / str(pid) / "cmdline").replace("\0", " ").strip() for pid in started}
+    words = {pid: _read(_PROC / str(pid) / "cmdline") for pid in started}
+    return {name: pid for name, word in _HELPERS.items() for pid, line in words.items() if word in line}
 
 
 def tree(pid: int, proc: Path = _PROC) -> list[int]:

@@ -1,27 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""Our own command in processes of their own, none of which outlives the one that starts it."""
+"""Our own command in processes of their own, none of which outlives the one that starts it; and runs side by side."""
 
 import contextlib
+import logging
+import multiprocessing
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from multiprocessing.context import SpawnContext
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import msgspec
 
 from segway_ecc.hil.errors import RigError
 
+_Task = TypeVar("_Task")
+_Result = TypeVar("_Result")
 _END_S: Final = 10.0
 _LAST_LINES: Final = 5
 _DOMAINS: Final = 101
+_LOOK_S: Final = 0.2
+_INTERRUPTED: Final = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT)
 
 
 class ProcessFailedError(RigError):
-    """A process ended with an error, or not in time."""
+    """A process ended with an error, or not in time.
+
+    Attributes:
+        ended_with: Its exit code; None where it was still running.
+    """
+
+    ended_with: int | None = None
 
 
 class Command:
@@ -34,18 +48,30 @@ class Command:
         self._messages = messages
         self._received = b""
 
-    def result(self, timeout_s: float) -> dict[str, Any]:
-        """Wait for the command and decode the JSON it printed.
+    def result(self, timeout_s: float, partner: "Command | None" = None) -> dict[str, Any]:
+        """Wait for the command, which is of no use without its partner, and decode the JSON it printed.
 
         Raises:
-            ProcessFailedError: It ended with an error, or not in time.
+            ProcessFailedError: It ended with an error, or not in time; or its partner ended first, with an error.
+            KeyboardInterrupt: It was interrupted, as this process is on Ctrl-C: both are in the terminal's group.
         """
-        try:
-            output, _ = self.process.communicate(timeout=timeout_s)
-        except subprocess.TimeoutExpired as error:
-            raise ProcessFailedError(self._failure(f"did not end within {timeout_s:g} s")) from error
+        deadline = time.monotonic() + timeout_s
+        while True:
+            left = deadline - time.monotonic()
+            try:
+                output, _ = self.process.communicate(timeout=max(min(left, _LOOK_S if partner else left), 0.0))
+                break
+            except subprocess.TimeoutExpired as error:
+                if partner is not None and partner.process.poll() not in {None, 0}:
+                    partner.result(_END_S)
+                if left <= 0.0:
+                    raise ProcessFailedError(self._failure(f"did not end within {timeout_s:g} s")) from error
+        if self.process.returncode in _INTERRUPTED:
+            raise KeyboardInterrupt
         if self.process.returncode != 0:
-            raise ProcessFailedError(self._failure(f"ended with exit code {self.process.returncode}"))
+            failure = ProcessFailedError(self._failure(f"ended with exit code {self.process.returncode}"))
+            failure.ended_with = self.process.returncode
+            raise failure
         return msgspec.json.decode(output, type=dict[str, Any])
 
     def ask(self, line: str, timeout_s: float) -> str:
@@ -160,3 +186,47 @@ def command(
     """One `segway-ecc` command, or a module around it, with these arguments; see `program`."""
     name = f"segway-ecc {' '.join(arguments)}"
     return program([*module_words(module), *arguments], messages, environment, name=name, listens=listens)
+
+
+@contextlib.contextmanager
+def results_of(
+    run: Callable[[_Task], _Result], tasks: Sequence[_Task], jobs: int, chunk: int = 1
+) -> Iterator[Iterator[_Result]]:
+    """The result of each task, in their order; `run` is a function of a module, so that another process finds it.
+
+    `jobs` processes run at a time, 1 for this one alone; each is handed `chunk` tasks at a time.
+    """
+    if jobs == 1:
+        yield map(run, tasks)
+        return
+    with spawning() as processes, processes.Pool(jobs, ignore_interrupt) as pool:
+        yield pool.imap(run, tasks, chunk)
+
+
+def ignore_interrupt() -> None:
+    """Leave Ctrl-C to the parent process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def quiet(*loggers: str) -> Iterator[None]:
+    """Discard the messages of some loggers, which are many in a run with faults."""
+    levels = {logger: logger.level for logger in map(logging.getLogger, loggers)}
+    try:
+        for logger in levels:
+            logger.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for logger, level in levels.items():
+            logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def spawning() -> Iterator[SpawnContext]:
+    """A context whose workers begin anew, and never import from the current folder, as long as it lasts.
+
+    `multiprocessing` starts them by `python -c`, which puts the current folder first on the path before any code of
+    ours runs; there is no option for it, only the environment that they inherit.
+    """
+    with inherited("PYTHONSAFEPATH", "1"):
+        yield multiprocessing.get_context("spawn")

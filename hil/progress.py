@@ -16,8 +16,7 @@ OnSeconds = Callable[[float], None]
 def show_all_progress(*, lines: bool = False) -> Iterator[Callable[[str, int, int | None], None]]:
     """Show a bar for each name on standard error until the context is left; with `lines`, elsewhere a line at its end.
 
-    Yields:
-        What is to be called with a name, how much of it is done, and of how much (None while that is unknown).
+    It yields what is to be called with a name, how much of it is done, and of how much (None while that is unknown).
     """
     if not sys.stderr.isatty() or importlib.util.find_spec("rich") is None:
 

@@ -5,11 +5,9 @@ from collections.abc import Sequence
 
 
 def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]:
-    """Lay out rows of one length as lines with aligned columns.
+    """Lay out rows of one length, the head among them, as lines with aligned columns.
 
-    Args:
-        rows: The cells; the head is a row too.
-        left: How many columns, from the first on, are aligned to the left, the others to the right; None for all.
+    The first `left` columns are aligned to the left, the others to the right; None for all to the left.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     sides = ["<" if left is None or place < left else ">" for place in range(len(widths))]

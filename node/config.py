@@ -10,6 +10,7 @@ from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.model.declared import Range
 from segway_ecc.node.models.load import locate
 from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
@@ -28,12 +29,21 @@ class ModelSection(Section, frozen=True, kw_only=True):
         parameters: Parameters other than their defaults, by name, in the model's units.
         method: The integration method of a partial copy of generated code that does not name it.
         step_size: The step of a model that does not give it, s.
+        ranges: The least and the largest value of inputs, states and parameters by name, in the model's units; narrower
+            than the model's own.
+        tunable_while_armed: States and parameters that may be written while the robot is armed, beside those that the
+            model declares.
+        step_limit_s: What a step may take before the model counts as stuck and its process is ended, s; no less than
+            the step. By default ten steps, and at least 0.1 s.
     """
 
     source: str
     method: Literal["Discrete", "Euler", "RungeKutta2", "RungeKutta4"] | None = None
     step_size: Seconds | None = None
+    step_limit_s: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] | None = None
     parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    ranges: dict[str, Range] = msgspec.field(default_factory=dict)
+    tunable_while_armed: tuple[str, ...] = ()
 
 
 class NoHardwareSection(Section, frozen=True, kw_only=True, tag="none"):
@@ -62,9 +72,11 @@ class SimulationSection(Section, frozen=True, kw_only=True):
     """What stands at the other end of the bus in simulation.
 
     The plant is what `load_model` takes; its inputs and outputs have the names of the drive's commands and signals.
+    Its `parameters`, by name in its own units, are those other than its defaults.
     """
 
     plant: str
+    parameters: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class RosSection(Section, frozen=True, kw_only=True):
@@ -116,17 +128,13 @@ def packaged_robots() -> list[str]:
 
 
 def load_robot(robot: str) -> RobotFile:
-    """Read a robot file.
+    """Read a robot file by its path, or a robot that ships with the package by its name.
 
-    Args:
-        robot: A path to a YAML file, or the name of a robot that ships with the package.
+    Its model and plant carry the folder that they lie in, where that is the robot file's or the current one; a packaged
+    robot's are installed.
 
     Raises:
         ConfigurationError: The file is missing or not as it must be; the text gives the path within the file.
-
-    Returns:
-        The robot. Its model and plant carry the folder that they lie in, where that is the robot file's or the
-        current one; a packaged robot's are installed.
     """
     file = decode_yaml(read_text(robot), RobotFile, robot)
     if robot in packaged_robots():

@@ -4,6 +4,7 @@
 import functools
 import operator
 import re
+import reprlib
 import types
 import typing
 from collections.abc import Hashable
@@ -13,38 +14,93 @@ import msgspec
 import yaml
 from msgspec import structs
 
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, shortened
 
 T = TypeVar("T")
 _STEP: Final = re.compile(r"\.([^.\[]+)|\[(\d*|\.\.\.)\]")
 """One step of msgspec's paths: `.key`, `[3]`, or `[...]` for some key of a mapping."""
+_MOST_CHARACTERS: Final = 1 << 20
+"""Of a document: the library reads some 60,000 characters in a second."""
+_DEEPEST: Final = 32
+_LONGEST_NUMBER: Final = 64
+"""In characters: Python refuses to print an integer of more than 4,300 digits, and takes long to read one."""
+_PLAIN_NUMBERS: Final = frozenset(f"tag:yaml.org,2002:{kind}" for kind in ("int", "float"))
+_NUMBERS: Final = _PLAIN_NUMBERS | {"tag:yaml.org,2002:timestamp"}
+_UNUSUAL: Final = re.compile(r"[^:]*:|.*_|[-+]?0\d")
+"""Of numbers: what YAML 1.1 reads as base 60, with signs of grouping, or in base 8."""
+_found: Final = reprlib.Repr()
+_found.maxlevel = 2
+_found.maxstring = _found.maxother = _found.maxlong = 80
 
 
 def decode_yaml(text: str, kind: type[T], where: str) -> T:
     """Decode a YAML document into `kind`; messages call it `where`.
 
+    Decoding takes time and memory in proportion to the text, and a message has one line of bounded length, whatever the
+    document holds.
+
     Raises:
         ConfigurationError: It is not that; the text has the place in the document.
     """
+    if len(text) > _MOST_CHARACTERS:
+        raise ConfigurationError(f"{where} is too long: {len(text)} characters, at most {_MOST_CHARACTERS} are read")
     try:
-        data = yaml.load(text, _UniqueKeyLoader)  # noqa: S506 - a safe loader, made stricter
-    except (yaml.YAMLError, ValueError) as error:
-        raise ConfigurationError(f"{where} is not YAML: {' '.join(str(error).split())}") from error
+        data = yaml.load(text, _BoundedLoader)  # noqa: S506 - a safe loader, made stricter
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        problem = shortened(" ".join(str(error).split()))
+        raise ConfigurationError(f"{where} is not YAML: {problem}") from error
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        raise ConfigurationError(f"{where}: {_explain(str(error), data, kind)}") from error
+        problem = shortened(_explain(str(error), data, kind))
+        raise ConfigurationError(f"{where}: {problem}") from error
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which YAML would silently take the last."""
+class _BoundedLoader(yaml.SafeLoader):
+    """Refuses what makes a short document large or slow, and a key of which YAML would silently take the last.
+
+    An alias repeats what its anchor names: ten of ten of ten make 330 characters five gigabytes. A tag asks for a type
+    that no document here has, and most of the library's own fail at a wrong value with errors of their own.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:  # noqa: ANN401 - the library's signature
+        event = self.peek_event()  # type: ignore[no-untyped-call]  # as all of the library's
+        if isinstance(event, yaml.AliasEvent):
+            raise _refusal("an alias (*) is not taken: write the value out", event.start_mark)
+        if event.tag is not None:
+            raise _refusal("a tag (!) is not taken: write the value without it", event.start_mark)
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise _refusal(f"nested too deeply: at most {_DEEPEST} levels are read", event.start_mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if isinstance(node, yaml.ScalarNode):
+            node.value.encode()  # half of a surrogate pair, which only an escape can be, is no text
+            if node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
+                raise _refusal(f"a number has at most {_LONGEST_NUMBER} characters", event.start_mark)
+            if node.tag in _PLAIN_NUMBERS and _UNUSUAL.match(node.value):
+                raise _refusal(f"{node.value} is no plain number: write one such as 90 or 0x1f", event.start_mark)
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:  # noqa: FBT001, FBT002 - the library's signature
-        keys = [key.value for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"the key '{key}' stands twice", node.start_mark)
+        seen = set()
+        for key in (key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key in seen:
+                raise _refusal(f"the key '{key}' stands twice", node.start_mark)
+            seen.add(key)
         return super().construct_mapping(node, deep=deep)
+
+
+def _refusal(problem: str, mark: Any) -> yaml.MarkedYAMLError:  # noqa: ANN401 - of one type or another by the library's build
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+
+
+# YAML 1.1, which the library reads, wants a point and a sign: 1e-9 and 1e3 are text there, and numbers in YAML 1.2.
+_BoundedLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$", re.ASCII), list("-+.0123456789")
+)
 
 
 def _explain(message: str, data: object, kind: type) -> str:
@@ -63,7 +119,7 @@ def _explain(message: str, data: object, kind: type) -> str:
     choices = (typing.get_args(kind) for kind in kinds if typing.get_origin(kind) is typing.Literal)
     allowed = ", ".join(sorted(str(choice) for literal in choices for choice in literal))
     allowed = f"; allowed is {allowed}" if allowed else ""
-    return f"{problem}{at}; found {found!r}{allowed}"
+    return f"{problem}{at}; found {_found.repr(found)}{allowed}"
 
 
 def _descend(data: object, kinds: list[object], steps: list[str]) -> tuple[list[str], object, list[object]]:

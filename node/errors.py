@@ -2,8 +2,51 @@
 """The errors of the node; each ends a command with its own exit code and one line of text."""
 
 from collections.abc import Iterable
+from typing import Final
 
 from segway_ecc.firmware_io.errors import SegwayEccError
+
+_LONGEST: Final = 500
+
+
+def shortened(text: str) -> str:
+    """A text from outside, or its beginning where it is too long for a line of a message: 500 characters."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+def failure_text(error: BaseException) -> str:
+    """What an exception of a model says, which may be anything, in one line with the place where it was raised."""
+    try:
+        text = printable(" ".join(str(error).split()))
+    except Exception:  # noqa: BLE001 - an exception of a model may fail at that too
+        text = "it cannot be shown"
+    where = error.__traceback__
+    while where is not None and where.tb_next is not None:
+        where = where.tb_next
+    place = "" if where is None else f" ({where.tb_frame.f_code.co_filename}:{where.tb_lineno})"
+    return f"{type(error).__name__}{': ' if text else ''}{shortened(text)}{place}"
+
+
+def printable(text: str) -> str:
+    """A text from outside that logs and ROS take: what UTF-8 cannot hold, half of a surrogate pair, as an escape."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def plain_number(text: str) -> float:
+    """A number in plain digits; Python takes 1_0 and the digits of every script.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(f"could not convert string to float: '{text}'")
+    return float(text)
+
+
+def whole_number(text: str) -> int:
+    """The same for a whole number."""
+    plain_number(text)
+    return int(text)
 
 
 class NodeError(SegwayEccError):

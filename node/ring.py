@@ -50,11 +50,7 @@ def size_ring(descriptor: int, slots: int) -> None:
 
 
 class RingWriter:
-    """The side that puts messages; one thread at a time.
-
-    Attributes:
-        room: For a message in a ring that is empty, bytes.
-    """
+    """The side that puts messages, one thread at a time; an empty ring has room for a message of `room` bytes."""
 
     __slots__ = ("_begin", "_number", "_ring", "_size", "_slots", "room")
 
@@ -101,11 +97,7 @@ class RingWriter:
 
 
 class RingReader:
-    """The side that takes them; one thread at a time.
-
-    Attributes:
-        damaged: Messages that were not as they had been put, and were passed over.
-    """
+    """The side that takes them, one thread at a time; `damaged` were not as they had been put, and were passed over."""
 
     __slots__ = ("_begin", "_is_doubtful", "_number", "_ring", "_size", "_slots", "damaged")
 

@@ -2,6 +2,7 @@
 """A robot file made into the parts that run."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from segway_ecc.firmware_io.build import build_hardware
@@ -12,12 +13,15 @@ from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.cycle.posture import stand_place
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
 from segway_ecc.node.cycle.timing import TimeBase
 from segway_ecc.node.cycle.trajectory import TrajectoryFollower
 from segway_ecc.node.cycle.wiring import Wiring, wire
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.declared import declared_variables
+from segway_ecc.node.model.model import Model, Variable
+from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.safety.modes import sit_down_values
 
@@ -37,10 +41,18 @@ class Robot:
         """The period of the loop: one step of the model."""
         return round(self.model.step_size * NS_PER_S)
 
+    @property
+    def variables(self) -> Mapping[str, Variable]:
+        """The model's inputs, states and parameters as this robot declares them, by name; before it is initialized."""
+        return declared_variables(self.model, self.file.model.ranges, self.file.model.tunable_while_armed)
+
     def cycle(self, stage: Stage, recorder: Recorder) -> Cycle:
         """The cycle of this robot in the world of `stage`, kept by `recorder`."""
         section, step = self.file.setpoint, self.model.step_size
-        largest = Setpoint(section.max_linear_velocity or math.inf, section.max_angular_velocity or math.inf)
+        largest = Setpoint(
+            min(section.max_linear_velocity or math.inf, self.wiring.largest.linear_velocity),
+            min(section.max_angular_velocity or math.inf, self.wiring.largest.angular_velocity),
+        )
         horizon, time_base = round(section.horizon_s / step), TimeBase(self.period_ns)
         schedule = SetpointSchedule(
             timeout_cycles=round(section.timeout_s / step),
@@ -50,6 +62,7 @@ class Robot:
         )
         return Cycle(
             model=self.model,
+            writer=VariableWriter(self.model, self.variables),
             hardware=self.hardware,
             wiring=self.wiring,
             schedule=schedule,
@@ -80,7 +93,7 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
 
     Raises:
         ModelError: The model cannot be loaded.
-        ConfigurationError: The wiring does not fit.
+        ConfigurationError: The wiring does not fit, or a value or range is not in that of the model.
         UnknownNameError: The wiring, or sitting down, names what is not there.
     """
     section = file.model
@@ -91,6 +104,15 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
             hardware = build_hardware(file.hardware, model.step_size, clock, link)
         except ValueError as error:  # devices that cannot be on one bus
             raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error
-    wiring = wire(model, hardware, file.wiring)
-    sit_down_values(file.station, wiring.set_names)  # so that a wrong name is reported before anything is opened
+    declared = declared_variables(model, section.ranges, section.tunable_while_armed)
+    wiring = wire(model, hardware, file.wiring, declared)
+    # So that what is wrong is reported before anything is opened.
+    for place, value in sit_down_values(file.station, wiring.set_names):
+        low, high = wiring.set_ranges[place]
+        if not low <= value <= high:
+            name = wiring.set_names[place]
+            raise ConfigurationError(
+                f"station.sit_down.{name} is {value:g}: what it is wired to allows {low:g} to {high:g}"
+            )
+    stand_place(file.safety.posture if file.safety else None, wiring.set_names)
     return Robot(file, model, hardware, wiring, clock)

@@ -19,14 +19,26 @@ from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.cycle import Cycle
-from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import (
+    CycleRecord,
+    Heartbeat,
+    Inbox,
+    Report,
+    Request,
+    SetValue,
+    StampedSetpoint,
+    VariableWrite,
+)
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.setpoints import NO_LIMIT, Setpoint, SetpointSchedule
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.timing import TimeBase
 from segway_ecc.node.cycle.trajectory import Trajectory, TrajectoryFollower
 from segway_ecc.node.cycle.wiring import wire
+from segway_ecc.node.model.declared import declared_variables
 from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.safety.modes import Action, Answer
 from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
@@ -168,6 +180,7 @@ class ScriptedStage:
         costs_ns: How long the ROS stage of the n-th cycle takes, ns.
         over_after: The cycle after which the world is over, if any, and why.
         answers: The answers to everything asked, in order.
+        write_answers: Why each write was refused, in order; empty where it was not.
         reports: What was published.
         diagnostics: The diagnostics published, with their stamps.
         looks: How often background work was asked for.
@@ -182,6 +195,7 @@ class ScriptedStage:
         self.costs_ns: dict[int, int] = {}
         self.over_after: tuple[int, str] | None = None
         self.answers: list[Answer] = []
+        self.write_answers: list[str] = []
         self.reports: list[Report] = []
         self.diagnostics: list[tuple[int, Sequence[DiagnosticStatus]]] = []
         self.looks = 0
@@ -205,6 +219,10 @@ class ScriptedStage:
         """Let a whole manoeuvre arrive in a cycle."""
         self._inboxes[cycle].trajectories.append(trajectory)
 
+    def send_write(self, cycle: int, values: Mapping[str, float]) -> None:
+        """Let variables be written in a cycle, together or not at all; `write_answers` has why they were refused."""
+        self._inboxes[cycle].writes.append(VariableWrite(tuple(values.items()), self.write_answers.append))
+
     def send_request(self, cycle: int, action: Action) -> None:
         """Let a request arrive in a cycle."""
         self._inboxes[cycle].requests.append(Request(action, self.answers.append))
@@ -212,6 +230,10 @@ class ScriptedStage:
     def send_heartbeat(self, cycle: int, station: str = "base", stamp_ns: int = 0) -> None:
         """Let a base station's heartbeat arrive in a cycle."""
         self._inboxes[cycle].stations.append(Heartbeat(station, stamp_ns))
+
+    def introduce_station(self, cycle: int, station: str = "base") -> None:
+        """Let a base station introduce itself in a cycle: its heartbeats count from then on."""
+        self._inboxes[cycle].introductions.append(station)
 
     def set_value(self, cycle: int, place: int, value: float) -> None:
         """Let a value be set in a cycle: its place in the wiring's `set_names`, and what it is to be."""
@@ -265,6 +287,9 @@ class KeepingRecorder:
         """Keep diagnostics."""
         self.diagnostics.append((stamp_ns, statuses))
 
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Keep no snapshot."""
+
     def close(self) -> None:
         """Note it."""
         self.journal.append("recorder closed")
@@ -285,6 +310,7 @@ class Bench:
         clock: The time.
         stage: The world.
         recorder: What was recorded.
+        model: The model.
         hardware: The hardware.
         cycle: The cycle.
         loop: The loop, to be run.
@@ -308,11 +334,13 @@ class Bench:
         self.clock = ScriptedClock()
         self.stage = ScriptedStage(self.clock, self.journal)
         self.recorder = KeepingRecorder(self.journal)
+        self.model = model
         self.hardware = hardware
         self.period_ns = round(model.step_size * NS_PER_S)
         limits, time_base = setpoints or SetpointLimits(), TimeBase(self.period_ns)
         self.cycle = Cycle(
             model=model,
+            writer=VariableWriter(model, declared_variables(model)),
             hardware=hardware,
             wiring=wire(model, hardware, wiring),
             schedule=SetpointSchedule(*limits),

@@ -4,15 +4,16 @@
 import importlib.util
 import os
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-from segway_ecc.deploy.image import commands as image_commands
+from segway_ecc.deploy.image.recipe import missing as image_lacks
 from segway_ecc.hil.kernels import qemu, uml
-from segway_ecc.hil.latency import other_host
+from segway_ecc.hil.latency.measure import other_host_lacks
 from segway_ecc.node.ros.runtime import missing_packages
 from tests import command, held_up, ros_processes
 
@@ -47,7 +48,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
     "image": (
-        lambda: image_commands.missing() or uml.available(),
+        lambda: image_lacks() or uml.available(),
         "sudo apt-get install mmdebstrap e2fsprogs uidmap user-mode-linux",
     ),
     "kernel": (uml.available, "sudo apt-get install user-mode-linux"),
@@ -59,7 +60,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
         lambda: None if shutil.which("systemd-analyze") else "no systemd-analyze",
         "sudo apt-get install systemd",
     ),
-    "namespaces": (other_host.missing, "run as root; sudo apt-get install iproute2"),
+    "namespaces": (other_host_lacks, "run as root; sudo apt-get install iproute2"),
     "mujoco": (missing_mujoco, "pip install mujoco"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }
@@ -89,6 +90,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's `&` leaves it; tests send it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.pluginmanager.register(held_up)
     config.pluginmanager.register(command)
     config.pluginmanager.register(ros_processes)

@@ -282,7 +282,6 @@ def test_there_are_drive_families() -> None:
         "firmware_io/drives/{}/frames.py",
         "firmware_io/drives/{}/driver.py",
         "firmware_io/drives/{}/settings.py",
-        "firmware_io/drives/{}/stop.py",
         "hil/devices/{}.py",
     ],
 )

@@ -128,7 +128,7 @@ def test_pools_of_processes_are_made_in_one_place() -> None:
         for path in sorted((ROOT / room).rglob("*.py"))
         if re.search(r"multiprocessing\.(get_context|Pool|Process)|ProcessPoolExecutor", path.read_text("utf-8"))
     ]
-    assert makes == ["hil/parallel.py"]
+    assert makes == ["hil/processes.py"]
 
 
 def test_shell_and_documentation_start_our_modules_without_the_current_folder() -> None:

@@ -45,11 +45,9 @@ class Verdict(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was looked at, what is there, and whether that fits.
+    """What was looked at, what is there, and whether that fits; where it is good, effect and remedy may be empty.
 
-    Attributes:
-        effect: What that does to the robot; empty only where it is good.
-        remedy: The command or the file that changes it; empty only where it is good.
+    The effect is what it does to the robot, the remedy the command or the file that changes it.
     """
 
     name: str

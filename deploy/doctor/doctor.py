@@ -14,8 +14,8 @@ from segway_ecc.deploy.doctor.computer import (
     check_timing,
 )
 from segway_ecc.deploy.doctor.hardware import check_can, check_drives, check_serial
-from segway_ecc.deploy.doctor.ros import check_ros
-from segway_ecc.deploy.doctor.services import check_idle, check_privileges, check_services
+from segway_ecc.deploy.doctor.robot_file import check_robot_file
+from segway_ecc.deploy.doctor.services import check_idle, check_privileges, check_ros, check_services
 
 Check = Callable[[System, Workload], Iterable[Finding]]
 
@@ -24,6 +24,7 @@ CHECKS: Final[Mapping[str, Check]] = {
     "can": check_can,
     "serial": check_serial,
     "drives": check_drives,
+    "robot file": check_robot_file,
     "privileges": check_privileges,
     "idle": check_idle,
     "timing": check_timing,

@@ -18,13 +18,16 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.image import disk, tree
-from segway_ecc.deploy.image.commands import ImageError, inside, missing, run
 from segway_ecc.deploy.image.recipe import (
     MANIFEST,
+    ImageError,
     Recipe,
     base_archive,
     cache_folder,
+    inside,
     installed_packages,
+    missing,
+    run,
     write_manifest,
 )
 from segway_ecc.deploy.release.agent.files import sha256_of
@@ -131,13 +134,9 @@ def _pip(words: Sequence[str], epoch: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """Where an image lies.
+    """Where an image lies: its root file system as a folder and as a file, and an empty data partition as a file.
 
-    Attributes:
-        root: The root file system as a folder.
-        manifest: What it was made of.
-        root_file_system: The root file system as a file.
-        data_file_system: An empty data partition.
+    The manifest is what it was made of.
     """
 
     root: Path

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """File systems and disks made of a folder, without mounting anything, and how large the data partition must be."""
 
-import os
 import shlex
 import struct
 import uuid
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.image.commands import ImageError, run
+from segway_ecc.deploy.image.recipe import ImageError, run
 from segway_ecc.node.recording.log_quota import LogQuota
 
 MIB: Final = 1 << 20
@@ -66,19 +65,8 @@ def disk(image: Path, partitions: Sequence[Path]) -> None:
 
 def copy_sparse(source: Path, target: Path, at: int = 0) -> None:
     """Copy a file into one that may be there, from a place in it on, leaving out what is empty."""
-    offset, end = 0, source.stat().st_size
-    target.touch()
-    os.truncate(target, at + end)
-    with source.open("rb") as file, target.open("r+b") as other:
-        while offset < end:
-            try:
-                offset = os.lseek(file.fileno(), offset, os.SEEK_DATA)
-            except OSError:  # only holes are left
-                return
-            chunk = os.pread(file.fileno(), MIB, offset)
-            if chunk.count(0) != len(chunk):
-                os.pwrite(other.fileno(), chunk, at + offset)
-            offset += len(chunk)
+    place = ["bs=1M", "conv=sparse", "oflag=seek_bytes", f"seek={at}", "status=none"]
+    run(["dd", f"if={source}", f"of={target}", *place])
 
 
 def _file_system(image: Path, label: str, size_mib: int, epoch: int, words: Sequence[str]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What an image consists of: the recipe, its Debian packages, made once and kept, and the manifest.
+"""What an image consists of: the recipe, its Debian packages, made once and kept, the manifest, and who makes it.
 
 The manifest is what an image was made of, so that it can be made again, and what differs between two can be listed.
 """
@@ -8,13 +8,24 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from segway_ecc.deploy.image.commands import ImageError, inside, run
+from segway_ecc.node.errors import NodeError
 
+PROGRAMS: Final = {
+    "mmdebstrap": "mmdebstrap",
+    "mke2fs": "e2fsprogs",
+    "unshare": "util-linux",
+    "chroot": "coreutils",
+    "tar": "tar",
+}
+_PATH: Final = "/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+_LINES: Final = 8
 KERNELS: Final = {"none": (), "rt": ("linux-image-rt-amd64",), "cloud": ("linux-image-cloud-amd64",)}
 """Kernels by what they are for: of the image's own none, a robot's, and a virtual machine's (which has no CAN)."""
 _PACKAGES: Final = (
@@ -33,6 +44,37 @@ _PACKAGES: Final = (
 )
 _LEFT_OUT: Final = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*")
 MANIFEST: Final = "manifest.json"
+
+
+class ImageError(NodeError):
+    """The image cannot be built."""
+
+
+def missing() -> str | None:
+    """What this machine lacks to build images, with the command that installs it; None where it lacks nothing."""
+    lacking = sorted({package for program, package in PROGRAMS.items() if shutil.which(program, path=_PATH) is None})
+    return f"not installed: sudo apt-get install {' '.join(lacking)}" if lacking else None
+
+
+def run(words: Sequence[str], *, env: Mapping[str, str] | None = None, cwd: Path | None = None) -> str:
+    """Run a program to its end; returns its standard output.
+
+    Raises:
+        ImageError: It failed; with its last lines.
+    """
+    variables = {"PATH": _PATH, "HOME": os.environ.get("HOME", "/"), "LC_ALL": "C.UTF-8", **(env or {})}
+    done = subprocess.run(  # noqa: S603 - the words are ours, and no shell reads them
+        list(words), env=variables, cwd=cwd, capture_output=True, text=True, errors="replace", check=False
+    )
+    if done.returncode:
+        last = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-_LINES:])
+        raise ImageError(f"{words[0]} failed with status {done.returncode}:\n  {last}")
+    return done.stdout
+
+
+def inside(root: Path, words: Sequence[str], env: Mapping[str, str] | None = None) -> str:
+    """Run a program of the image in the image."""
+    return run(["chroot", str(root), *words], env=env)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +119,7 @@ def cache_folder() -> Path:
     return folder
 
 
-def base_archive(recipe: Recipe, *, refresh: bool = False) -> Path:
+def base_archive(recipe: Recipe) -> Path:
     """The archive of a root file system with the recipe's packages; takes minutes the first time.
 
     Without root mmdebstrap makes it in a user namespace of its own.
@@ -86,7 +128,7 @@ def base_archive(recipe: Recipe, *, refresh: bool = False) -> Path:
         ImageError: A package is not to be had, or mmdebstrap does not work here.
     """
     archive = cache_folder() / f"base-{recipe.suite}-{recipe.base_digest}.tar"
-    if archive.exists() and not refresh:
+    if archive.exists():
         return archive
     part = archive.with_name(f".{os.getpid()}-{archive.name}")
     words = ["mmdebstrap", "--variant=minbase", f"--include={','.join(recipe.all_packages)}"]

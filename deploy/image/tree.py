@@ -8,8 +8,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.image.commands import inside, run
-from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.recipe import Recipe, inside, run
 
 HELD_VAR: Final = "usr/share/segway-ecc/var"
 """What a new data partition begins with."""

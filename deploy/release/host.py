@@ -142,15 +142,10 @@ class Host:
         on_event: Callable[[Event], None],
         files: Mapping[str, Path] | None = None,
     ) -> Event:
-        """Send a request, and the files that the robot then asks for.
+        """Send a request, and the files that the robot then asks for; returns what the last event carries.
 
-        Args:
-            request: What is to be done.
-            on_event: Called with each event as it comes.
-            files: Where the files lie that the robot may ask for.
-
-        Returns:
-            What the last event carries.
+        Files that it may ask for lie at these places here, by their names; `on_event` is called with each event as it
+        comes.
 
         Raises:
             UnreachableError: There is no connection.

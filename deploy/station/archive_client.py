@@ -14,7 +14,7 @@ import urllib.parse
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from segway_ecc.deploy.release.agent.files import sha256_of
 from segway_ecc.deploy.support.archive_files import (
@@ -34,6 +34,7 @@ from segway_ecc.deploy.support.archive_files import (
     open_log,
     parameter_name,
 )
+from segway_ecc.deploy.support.archive_service import ArchiveCalls
 from segway_ecc.node.errors import NobodyListensError
 
 _MOST_KEPT_BYTES: Final = 4 * 1024**3
@@ -104,16 +105,6 @@ class _Archive(NamedTuple):
         return sha256_of(part)
 
 
-class ParameterReader(Protocol):
-    """Reads from archives; `segway_ecc.deploy.support.archive_service.ArchiveCalls` is one."""
-
-    def ask(self, robot: str, name: str) -> Value:
-        """The value of a parameter of a robot's archive."""
-
-    def close(self) -> None:
-        """End it; later calls of `ask` fail."""
-
-
 class Progress(NamedTuple):
     """How far a fetch is: `fetched` of `size` bytes; its `state` is `waiting`, `fetching`, `done` or `failed`."""
 
@@ -129,11 +120,11 @@ class Progress(NamedTuple):
 
 
 class ArchiveClient:
-    """Every method may be called from any thread that may wait."""
+    """Every method may be called from any thread that may wait; `progress` alone does not wait."""
 
     def __init__(
         self,
-        calls: ParameterReader,
+        calls: ArchiveCalls,
         folder: Path,
         *,
         most_bytes: int = _MOST_KEPT_BYTES,
@@ -161,7 +152,7 @@ class ArchiveClient:
             left.unlink()
 
     def close(self) -> None:
-        """End what goes on; what is here stays for the next time."""
+        """End what goes on; what is here stays for the next time. May be called again."""
         self._ending.set()
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._calls.close()

@@ -2,7 +2,7 @@
 """Carries out operators' commands: the station without its threads and without ROS. Pure: time is given."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,28 +10,30 @@ import msgspec
 
 from segway_ecc.deploy.station.control import Control, DeadMan, fitted
 from segway_ecc.deploy.station.fleet import EventLog, Fleet, Heartbeats, Robot
-from segway_ecc.deploy.station.requests import PostureRequest, Reply, Requests, RobotConnection, Stop, StopState
+from segway_ecc.deploy.station.kept_stops import MOST, is_namespace
+from segway_ecc.deploy.station.requests import Reply, Requests, RobotConnection, Stop, StopState
 from segway_ecc.deploy.station.robot_messages import ModeReport, RobotMessage
 from segway_ecc.deploy.station.sequences import SequencePlayback
-from segway_ecc.deploy.station.views import Act, Command, Drive, FleetView
+from segway_ecc.deploy.station.views import Act, Command, Drive, FleetView, RobotView
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.trajectory import TrajectoryStatus
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry
 
-_SERVICES: Final = {Act.ARM: Action.ARM, Act.DISARM: Action.DISARM, Act.CLEAR_FAULT: Action.CLEAR_FAULT}
+_SERVICES: Final = {
+    Act.ARM: Action.ARM,
+    Act.DISARM: Action.DISARM,
+    Act.CLEAR_FAULT: Action.CLEAR_FAULT,
+    Act.STAND: Action.STAND_UP,
+    Act.SIT: Action.SIT_DOWN,
+}
 _OURS: Final = frozenset({Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, Act.CLEAR_FAULT})
 """What the station carries out, at least in part, even where the robot is lost or its stop is not confirmed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SubmittedCommand:
-    """A command as it was submitted.
-
-    Attributes:
-        at_ns: When, monotonic.
-        manoeuvre: What is to be played, decoded already; the error's text where it is not valid.
-    """
+    """A command as it was submitted, at `at_ns`, monotonic; a manoeuvre to be played is decoded, or an error's text."""
 
     who: str
     command: Command
@@ -43,31 +45,28 @@ class SubmittedCommand:
 class RobotTasks:
     """What is in progress with one robot; `playback` is the sequence that is played, or was last."""
 
-    def __init__(self, connection: RobotConnection, log: Callable[[str, str], None]) -> None:
-        """Begin with nothing; `log` takes text and level of events."""
+    def __init__(self, connection: RobotConnection, stop: Stop, log: Callable[[str, str], None]) -> None:
+        """Begin with nothing but the robot's stop; `log` takes text and level of events."""
         self.connection = connection
         self.requests = Requests(connection)
-        self.stop = Stop(connection, log)
-        self.posture = PostureRequest(connection)
+        self.stop = stop
         self.playback: SequencePlayback | None = None
         self._log = log
 
     @property
     def is_pending(self) -> bool:
         """Whether a report or a response of the robot is awaited."""
-        return self.requests.is_pending or self.stop.is_pending or self.posture.is_pending
+        return self.requests.is_pending or self.stop.is_pending
 
     def step(self, now_ns: int) -> None:
         """Send again what is not confirmed yet."""
-        self.stop.step(now_ns)
         self.requests.step(now_ns)
-        self.posture.step(now_ns)
 
-    def break_off(self, reason: str) -> bool:
+    def break_off(self, reason: str, now_ns: int) -> bool:
         """End the sequence that is played; False where none is."""
         if self.playback is None or self.playback.is_over:
             return False
-        self.playback.break_off(self.connection, reason)
+        self.playback.break_off(self.connection, reason, now_ns)
         self.log_outcome(self.playback)
         return True
 
@@ -78,16 +77,10 @@ class RobotTasks:
     def fail(self, text: str) -> None:
         """Reply to everything that is pending that it failed."""
         self.requests.fail(text)
-        self.posture.end(text)
-        self.stop.cancel(text)
 
 
 class CommandHandler:
-    """Carries out commands and driving on the robots that were received.
-
-    Attributes:
-        refused: Commands and set-points that were refused or clamped, by cause.
-    """
+    """Carries out commands and driving on the robots that were received; `refused` counts what was not, or clamped."""
 
     def __init__(self, events: EventLog, beats: Heartbeats, limits: Setpoint) -> None:
         """Begin with no robot; set-points are clamped to `limits` (m/s, rad/s)."""
@@ -99,10 +92,17 @@ class CommandHandler:
         self._limits = limits
         self._dead_man = DeadMan()
         self._tasks: dict[str, RobotTasks] = {}
+        self._stops: dict[str, Stop] = {}
 
     def add(self, name: str, connection: RobotConnection) -> None:
         """Use `connection` for the robot of a namespace from now on."""
-        self._tasks[name] = RobotTasks(connection, lambda text, level: self._events.add(name, text, level=level))
+        stop = self._stop_of(name)
+        stop.connect(connection)
+        self._tasks[name] = RobotTasks(connection, stop, self._log_of(name))
+
+    def pending_stops(self) -> Mapping[str, str]:
+        """The robots with a stop that is not confirmed, and who requested it."""
+        return {name: stop.who for name, stop in self._stops.items() if stop.state is StopState.REQUESTED}
 
     def is_waiting_for(self, name: str) -> bool:
         """Whether a report or a response of a robot is awaited."""
@@ -113,8 +113,8 @@ class CommandHandler:
         self.fleet.update(name, message, at_ns)
         tasks = self._tasks[name]
         if isinstance(message, ModeReport):
-            tasks.stop.on_mode(message, at_ns)
-            tasks.posture.on_mode(message)
+            robot = self.fleet.robots.get(name)
+            tasks.stop.on_mode(message, at_ns, is_disputed=robot is not None and robot.is_disputed(at_ns))
             self._beats.on_mode(name, message, at_ns)
         elif isinstance(message, TrajectoryStatus) and tasks.playback is not None:
             was_over = tasks.playback.is_over
@@ -131,9 +131,13 @@ class CommandHandler:
     def step(self, now_ns: int) -> None:
         """Everything that is due: requests again, zeros, set-points of sequences."""
         self.fleet.mark_lost(now_ns)
+        for stop in self._stops.values():
+            stop.step(now_ns)
         for name, tasks in self._tasks.items():
+            if self.control.of(name) and self._beats.is_introduction_due(name, now_ns):
+                tasks.connection.introduce(self._beats.name)
             tasks.step(now_ns)
-            if tasks.playback is not None and not tasks.playback.is_over:
+            if tasks.playback is not None:
                 self._continue_sequence(self.fleet.robots[name], tasks, tasks.playback, now_ns)
         for name, ran_out in self._dead_man.zeros_due(now_ns):
             self._tasks[name].connection.drive(REST)
@@ -141,34 +145,30 @@ class CommandHandler:
                 self._events.add(name, f"{self.control.of(name)} no longer drives: brought to rest", level="warning")
 
     def view(self, now_ns: int) -> FleetView:
-        """The picture of all robots."""
-        robots = [
-            msgspec.structs.replace(
-                robot.view(now_ns, self._beats),
-                stop=tasks.stop.state.value,
-                stop_after_s=tasks.stop.after_s,
-                controller=self.control.of(name),
-                sequence=tasks.playback.view if tasks.playback is not None else None,
-            )
-            for name, robot in sorted(self.fleet.robots.items())
-            for tasks in (self._tasks[name],)
-        ]
-        return FleetView(time_s=now_ns * 1e-9, robots=robots)
+        """The picture of all robots that were found, or that are to be stopped."""
+        names = sorted({*self.fleet.robots, *self.pending_stops()})
+        return FleetView(time_s=now_ns * 1e-9, robots=[self._view(name, now_ns) for name in names])
 
     def stop(self, submitted: SubmittedCommand, now_ns: int) -> None:
         """Stop a robot, whoever requests it, before anything else is done."""
         name, reply = submitted.command.robot, self._logged(submitted)
-        tasks = self._tasks.get(name)
-        if tasks is None:
-            self._refuse("unknown robot", reply, f"no robot is known as {name}")
-            return
-        tasks.stop.send(reply, submitted.at_ns, now_ns)
-        self._bring_to_rest(name, f"{submitted.who} pressed stop", now_ns)
+        is_known = name in self._tasks
+        if not is_known and not is_namespace(name):
+            self._refuse("unknown robot", reply, f"no robot can be known as {name}: a namespace begins with /")
+        elif not is_known and name not in self._stops and len(self._stops) - len(self._tasks) >= MOST:
+            self._refuse("too many stops", reply, f"{MOST} robots that were not found are to be stopped already")
+        else:
+            self._stop_of(name).send(submitted.who, reply, submitted.at_ns, now_ns)
+            if is_known:
+                self._bring_to_rest(name, f"{submitted.who} pressed stop", now_ns)
 
     def command(self, submitted: SubmittedCommand, now_ns: int) -> None:
         """Carry out a command other than a stop."""
         name, act, reply = submitted.command.robot, submitted.command.act, self._logged(submitted)
         robot, tasks = self.fleet.robots.get(name), self._tasks.get(name)
+        if act is Act.CANCEL_STOP and name in self._stops:
+            self._cancel_stop(submitted.who, name, reply)
+            return
         if robot is None or tasks is None:
             self._refuse("unknown robot", reply, f"no robot is known as {name}")
             return
@@ -198,7 +198,7 @@ class CommandHandler:
             self.refused["drive: another has control"] += 1
             return
         tasks = self._tasks[name]
-        tasks.break_off(f"{who} drives by hand")
+        tasks.break_off(f"{who} drives by hand", now_ns)
         self._dead_man.renew(name, at_ns)
         tasks.connection.drive(wanted)
 
@@ -215,6 +215,8 @@ class CommandHandler:
                 tasks.connection.drive(REST)
             self._bring_to_rest(name, "the station ends", now_ns)
             tasks.fail("the station ends")
+        for stop in self._stops.values():
+            stop.cancel("the station ends")
 
     def _refusal(
         self, submitted: SubmittedCommand, robot: Robot, tasks: RobotTasks, now_ns: int
@@ -263,28 +265,59 @@ class CommandHandler:
                     self._bring_to_rest(name, f"{who} gave up control", now_ns)
                     self.control.release(name, who)
                 reply(had, "nobody has control now" if had else "you did not have control")
-            case Act.STAND | Act.SIT as act:
-                tasks.posture.send(reply, now_ns, up=act is Act.STAND)
             case Act.BREAK_OFF:
-                is_over = tasks.break_off(f"{who} broke it off")
+                is_over = tasks.break_off(f"{who} broke it off", now_ns)
                 reply(is_over, "broken off" if is_over else "nothing is being played")
             case Act.PLAY if isinstance(submitted.manoeuvre, Manoeuvre):
                 self._bring_to_rest(name, "another sequence was started", now_ns)
                 tasks.playback = SequencePlayback(submitted.manoeuvre, submitted.command.name, reply, now_ns)
 
     def _continue_sequence(self, robot: Robot, tasks: RobotTasks, playback: SequencePlayback, now_ns: int) -> None:
-        if not robot.is_alive:
-            tasks.break_off("the robot is lost")
-        elif not robot.is_active:
-            tasks.break_off(f"the robot went to {robot.mode.mode}: {robot.mode.reason}")
+        was_over, before = playback.is_over, playback.outcome
+        if not was_over and not robot.is_alive:
+            tasks.break_off("the robot is lost", now_ns)
+        elif not was_over and not robot.is_active:
+            tasks.break_off(f"the robot went to {robot.mode.mode}: {robot.mode.reason}", now_ns)
         else:
             playback.step(tasks.connection, robot.newest(Odometry, now_ns), now_ns)
-            if playback.is_over:
+            if playback.is_over and playback.outcome != before:
                 tasks.log_outcome(playback)
+
+    def _view(self, name: str, now_ns: int) -> RobotView:
+        robot, tasks, stop = self.fleet.robots.get(name), self._tasks.get(name), self._stops[name]
+        if robot is None:
+            view = RobotView(robot=name, reason="not found yet: it is stopped as soon as it is")
+        else:
+            view = robot.view(now_ns, self._beats)
+        return msgspec.structs.replace(
+            view,
+            stop=stop.state.value,
+            stop_after_s=stop.after_s,
+            controller=self.control.of(name),
+            sequence=tasks.playback.view if tasks is not None and tasks.playback is not None else None,
+        )
+
+    def _stop_of(self, name: str) -> Stop:
+        return self._stops.setdefault(name, Stop(self._log_of(name)))
+
+    def _log_of(self, name: str) -> Callable[[str, str], None]:
+        return lambda text, level: self._events.add(name, text, level=level)
+
+    def _cancel_stop(self, who: str, name: str, reply: Reply) -> None:
+        stop, refusal = self._stops[name], self.control.refusal(name, who, Act.CANCEL_STOP)
+        if refusal is not None:
+            self._refuse("control", reply, refusal)
+        elif stop.state is not StopState.REQUESTED:
+            self._refuse("no stop", reply, "no stop is pending there; a confirmed one ends when the fault is cleared")
+        else:
+            stop.cancel(f"{who} took it back before it was confirmed")
+            if name not in self._tasks:
+                del self._stops[name]
+            reply(True, "the stop is no longer sent; if it has arrived, the robot stays in FAULT")  # noqa: FBT003
 
     def _bring_to_rest(self, name: str, reason: str, now_ns: int) -> None:
         self._dead_man.release(name, now_ns)
-        self._tasks[name].break_off(reason)
+        self._tasks[name].break_off(reason, now_ns)
 
     def _refuse(self, cause: str, reply: Reply, text: str) -> None:
         self.refused[f"command: {cause}"] += 1

@@ -16,10 +16,11 @@ from segway_ecc.deploy.station.robot_messages import (
     RobotMessage,
     SetpointReport,
     Supply,
-    clipped,
     finite,
 )
 from segway_ecc.deploy.station.views import EventView, RobotView
+from segway_ecc.node.cycle.report import state_text
+from segway_ecc.node.errors import shortened
 from segway_ecc.node.safety.modes import ACTIVE, Mode
 from segway_ecc.node.sequence.manoeuvre import Odometry
 
@@ -38,8 +39,13 @@ _NOT_DRIVEN: Final = SetpointReport(0, 0.0, 0.0)
 _LEVELS: Final = {Mode.FAULT: "error", Mode.HOLD: "warning"}
 H = TypeVar("H")
 _PERIOD_NS: Final = 100_000_000
+_AGAIN_NS: Final = 500_000_000
+"""Between two introductions to a robot that does not report the first."""
 _KEPT_STAMPS: Final = 50
 """Stamps that an echo may carry: those of five seconds."""
+_TURNS: Final = 3
+_DISPUTED_NS: Final = 1_000_000_000
+_DISPUTE_AGAIN_NS: Final = 60_000_000_000
 _ECHO_WITHIN_NS: Final = 1_000_000_000
 """Without an echo for longer the robot does not receive our heartbeats."""
 
@@ -59,7 +65,7 @@ class EventLog:
         with self._lock:
             self._count += 1
             event = EventView(
-                number=self._count, wall_ns=self._wall_ns(), robot=robot, text=clipped(text), level=level, who=who
+                number=self._count, wall_ns=self._wall_ns(), robot=robot, text=shortened(text), level=level, who=who
             )
             self._events.append(event)
 
@@ -77,6 +83,8 @@ class Heartbeats:
         self.name = name
         self._sent: deque[int] = deque(maxlen=_KEPT_STAMPS)
         self._round_trips: dict[str, tuple[float, int]] = {}
+        self._introduced: set[str] = set()
+        self._introductions: dict[str, int] = {}
 
     def due(self, now_ns: int) -> int | None:
         """The stamp of a heartbeat to send now, or None."""
@@ -89,6 +97,18 @@ class Heartbeats:
         """Measure the round trip from a mode report received at `at_ns`, monotonic, where it echoes us."""
         if mode.station == self.name and mode.beat_ns in self._sent and mode.beat_age_ns <= _ECHO_WITHIN_NS:
             self._round_trips[robot] = (max(at_ns - mode.beat_ns - mode.beat_age_ns, 0) * 1e-9, at_ns)
+            (self._introduced.add if mode.is_introduced else self._introduced.discard)(robot)
+
+    def is_introduction_due(self, robot: str, now_ns: int) -> bool:
+        """Whether to introduce us to a robot that an operator of ours controls: it does not report that we are.
+
+        Never where no heartbeats are sent, as by a station that only watches.
+        """
+        is_early = now_ns - self._introductions.get(robot, -_AGAIN_NS) < _AGAIN_NS
+        if is_early or not self._sent or robot in self._introduced:
+            return False
+        self._introductions[robot] = now_ns
+        return True
 
     def round_trip_s(self, robot: str, now_ns: int) -> float | None:
         """From our heartbeat to the echo, without the time the robot kept it; None without a recent echo."""
@@ -104,12 +124,18 @@ class Robot:
         self.mode = mode
         self.received_ns = received_ns
         self.is_alive = True
+        self.turns: deque[int] = deque(maxlen=_TURNS)
+        self.next_dispute_ns = 0
         self._newest: dict[type, tuple[RobotMessage, int]] = {}
 
     @property
     def is_active(self) -> bool:
         """Whether it accepts set-points."""
         return self.is_alive and self.mode.mode in ACTIVE
+
+    def is_disputed(self, now_ns: int) -> bool:
+        """Whether another node may have published the newest `mode`; see `ModeReport.is_out_of_turn`."""
+        return bool(self.turns) and now_ns - self.turns[-1] < _DISPUTED_NS
 
     def age_s(self, now_ns: int) -> float:
         """Since its last message on `mode`, s."""
@@ -157,6 +183,7 @@ class Robot:
             links=health.links,
             timing=health.timing,
             can_stand=mode.can_stand,
+            posture=mode.posture or "",
         )
 
 
@@ -175,21 +202,34 @@ class Fleet:
             if robot is not None:
                 robot.keep(message, at_ns)
             return
-        text = f"{message.mode}: {message.reason}"
+        text = f"{state_text(message.mode, message.posture)}: {message.reason}"
         if robot is None:
             if len(self.robots) >= MOST_ROBOTS:
                 return
             self.robots[name] = Robot(name, message, at_ns)
             text = f"found {message.name}: {text}"
         else:
+            if message.is_out_of_turn:
+                self._note_turn(robot, at_ns)
             before, age_s = robot.mode, robot.age_s(at_ns)
             robot.mode, robot.received_ns = message, max(at_ns, robot.received_ns)
             if not robot.is_alive:
                 robot.is_alive = True
                 text = f"back after {age_s:.1f} s: {text}"
-            elif (before.mode, before.reason) == (message.mode, message.reason):
+            elif (before.mode, before.posture, before.reason) == (message.mode, message.posture, message.reason):
                 return
         self._events.add(name, text, level=_LEVELS.get(message.mode, "info"))
+
+    def _note_turn(self, robot: Robot, at_ns: int) -> None:
+        """Log, once in a while, that two nodes publish a robot's `mode`; a robot that is started anew turns once."""
+        robot.turns.append(at_ns)
+        is_steady = len(robot.turns) == _TURNS and at_ns - robot.turns[0] < _TURNS * _DISPUTED_NS
+        if is_steady and at_ns >= robot.next_dispute_ns:
+            robot.next_dispute_ns = at_ns + _DISPUTE_AGAIN_NS
+            text = (
+                "more than one node publishes mode here: what is shown may be another's, and no stop is confirmed by it"
+            )
+            self._events.add(robot.robot, text, level="error")
 
     def mark_lost(self, now_ns: int) -> None:
         """Mark the robots of which nothing arrives any more as lost."""

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What is requested of one robot, each with a time-out, over the connection that this needs. Pure: time is given.
 
-Services; standing up and sitting down, repeated until the robot reports the value in force; and the stop, sent until
-the drives confirm it and latched until the fault is cleared.
+Services; and the stop, sent until the drives confirm it and latched until the fault is cleared.
 """
 
 import enum
@@ -54,8 +53,8 @@ class RobotConnection(Protocol):
     def follow(self, trajectory: Trajectory) -> None:
         """Send a whole manoeuvre, or an empty one to end it."""
 
-    def stand(self, *, up: bool) -> None:
-        """Request standing up, or sitting down."""
+    def introduce(self, station: str) -> None:
+        """Ask the robot to rely on the heartbeats of this station."""
 
 
 def once(reply: Reply) -> Reply:
@@ -123,49 +122,6 @@ class Requests:
             pending.reply(False, text)  # noqa: FBT003 - the contract's form
 
 
-class PostureRequest:
-    """The newest request to one robot to stand up or to sit down."""
-
-    def __init__(self, connection: RobotConnection) -> None:
-        self._connection = connection
-        self._reply: Reply | None = None
-        self._up = False
-        self._since_ns = self._sent_ns = 0
-
-    @property
-    def is_pending(self) -> bool:
-        """Whether the robot's confirmation is awaited."""
-        return self._reply is not None
-
-    def send(self, reply: Reply, now_ns: int, *, up: bool) -> None:
-        """Request standing `up`, or sitting down; an earlier request that is pending fails."""
-        self.end("replaced by a later request before it was confirmed")
-        self._reply, self._up = reply, up
-        self._since_ns = self._sent_ns = now_ns
-        self._connection.stand(up=up)
-
-    def on_mode(self, mode: ModeReport) -> None:
-        """Confirm the request where the robot reports its value as in force."""
-        if mode.stand == float(self._up):
-            self.end(f"the robot has accepted it: {'stand up' if self._up else 'sit down'}", accepted=True)
-
-    def step(self, now_ns: int) -> None:
-        """Send again, as the robot may not have been connected yet; fail what takes too long."""
-        if self._reply is None:
-            return
-        if now_ns - self._since_ns > WITHIN_NS:
-            self.end(f"the robot has not accepted it within {WITHIN_NS / 1e9:g} s")
-        elif now_ns - self._sent_ns >= AGAIN_NS:
-            self._sent_ns = now_ns
-            self._connection.stand(up=self._up)
-
-    def end(self, text: str, *, accepted: bool = False) -> None:
-        """Reply where a request is pending, by default that it failed."""
-        reply, self._reply = self._reply, None
-        if reply is not None:
-            reply(accepted, text)
-
-
 @enum.unique
 class StopState(enum.StrEnum):
     """How far a stop has come."""
@@ -178,17 +134,20 @@ class StopState(enum.StrEnum):
 class Stop:
     """Confirmed by a FAULT that the robot reports after the request, with drives that report that they are off.
 
-    For a robot that has no drives it is confirmed by commands that are zero.
+    For a robot without drives it is confirmed by commands that are zero. It may be requested before the robot is found.
 
     Attributes:
-        after_s: From the request to the confirmation, s.
+        state: How far it has come.
+        after_s: From request to confirmation, s.
+        who: Who requested it first.
     """
 
-    def __init__(self, connection: RobotConnection, log: Callable[[str, str], None]) -> None:
-        """Stop over `connection`; `log` takes text and level of events that no reply reports."""
+    def __init__(self, log: Callable[[str, str], None]) -> None:
+        """Begin with none; `log` takes text and level of events that no reply reports."""
         self.state = StopState.NONE
         self.after_s: float | None = None
-        self._connection = connection
+        self.who = ""
+        self._connection: RobotConnection | None = None
         self._log = log
         self._waiting: list[Reply] = []
         self._requested_ns = 0
@@ -203,14 +162,18 @@ class Stop:
         """Whether it was requested and is neither confirmed nor failed."""
         return self.state is StopState.REQUESTED and not self._has_failed
 
-    def send(self, reply: Reply, requested_ns: int, now_ns: int) -> None:
-        """Send it now, or join the one that is pending and send that again; the operator asked at `requested_ns`."""
+    def connect(self, connection: RobotConnection) -> None:
+        """Send it over `connection` from now on, as the robot is found."""
+        self._connection = connection
+
+    def send(self, who: str, reply: Reply, requested_ns: int, now_ns: int) -> None:
+        """Send it now, or join the one that is pending and send that again; `who` asked at `requested_ns`."""
         if len(self._waiting) >= _MOST_WAITING:
             reply(False, "a stop is pending and not confirmed yet")  # noqa: FBT003 - the contract's form
             return
         if not self.is_pending:
             self.state, self.after_s, self._requested_ns, self._tries = StopState.REQUESTED, None, requested_ns, 0
-            self._response, self._reported, self._has_failed = "", "", False
+            self._response, self._reported, self._has_failed, self.who = "", "", False, who
         self._waiting.append(reply)
         self._call(now_ns)
 
@@ -218,14 +181,16 @@ class Stop:
         """Keep the service's response for the failure's text; it confirms nothing by itself."""
         self._response = response.message if response.accepted else f"refused: {response.message}"
 
-    def on_mode(self, mode: ModeReport, received_ns: int) -> None:
-        """Check the reported mode and drives."""
+    def on_mode(self, mode: ModeReport, received_ns: int, *, is_disputed: bool = False) -> None:
+        """Check the reported mode and drives; what another node may have published confirms nothing."""
         if self.state is StopState.CONFIRMED and mode.mode is not Mode.FAULT:
             self.state, self.after_s = StopState.NONE, None
             self._log(f"the stop is over: {mode.mode}: {mode.reason}", "warning")
         elif self.state is StopState.REQUESTED and received_ns > self._requested_ns:
             self._reported = f"{mode.mode}, drives {mode.drives or 'unknown'}"
-            if mode.is_stopped:
+            if is_disputed:
+                self._reported += ", by one of several nodes that publish mode"
+            elif mode.is_stopped:
                 self.state, self.after_s = StopState.CONFIRMED, (received_ns - self._requested_ns) * 1e-9
                 what = "drives off" if mode.drives == "off" else "commands zero"
                 text = f"stopped after {self.after_s * 1e3:.0f} ms: {what}; {mode.reason}"
@@ -240,7 +205,9 @@ class Stop:
         if not self._has_failed and now_ns - self._requested_ns > WITHIN_NS:
             self._has_failed = True
             why = f"{NO_ANSWER}, tried {self._tries} times"
-            if self._response or self._reported:
+            if self._connection is None:
+                why = "no robot is found in this namespace; the stop is sent as soon as one is"
+            elif self._response or self._reported:
                 answer = f"it answered '{self._response}'" if self._response else "no answer"
                 why = f"{answer}, but it is {self._reported or 'silent'}"
             self._reply_all(accepted=False, text=f"{why}; retries continue")
@@ -248,15 +215,16 @@ class Stop:
             self._call(now_ns)
 
     def cancel(self, text: str) -> None:
-        """End one that is not confirmed, as when the operator clears the fault."""
+        """End one that is not confirmed, as when an operator takes it back or clears the fault."""
         if self.state is StopState.REQUESTED:
             self.state = StopState.NONE
             self._reply_all(accepted=False, text=text)
 
     def _call(self, now_ns: int) -> None:
-        self._connection.call(Action.STOP)
         self._sent_ns = now_ns
-        self._tries += 1
+        if self._connection is not None:
+            self._connection.call(Action.STOP)
+            self._tries += 1
 
     def _reply_all(self, *, accepted: bool, text: str) -> None:
         waiting, self._waiting = self._waiting, []

@@ -10,7 +10,9 @@ from typing import Final, NamedTuple, TypeAlias
 
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.cycle.trajectory import TrajectoryStatus
+from segway_ecc.node.errors import shortened
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.sequence.manoeuvre import Odometry
 
 _CHECK: Final = "check."
@@ -19,10 +21,10 @@ _LINK: Final = re.compile(r"link\.(?:(\w+)\.)?([\w.]+)")
 _LINKS: Final = frozenset({"can", "serial"})
 _DRIVES: Final = frozenset({"on", "off", "none", "unconfirmed"})
 _BEAT: Final = re.compile(r"(.+) ([0-9]{1,19})", re.DOTALL)
+_POSTURES: Final = {str(posture): posture for posture in Posture}
 _MOST_VALUES: Final = 200
 _MOST_LINKS: Final = 8
 _NS_PER_MS: Final = 1e6
-_LONGEST_TEXT: Final = 500
 _ENCAPSULATION: Final = 4
 _COVARIANCE: Final = 36 * 8
 
@@ -35,7 +37,10 @@ class ModeReport(NamedTuple):
         drives: `on`, `off` where every drive reports so itself, `unconfirmed` where one does not, or `none`.
         is_zero: Whether the commands of its newest cycle were all zero; None where it does not report that.
         station: Whose heartbeat it received last, `beat_age_ns` ago and stamped `beat_ns`; empty for nobody's.
-        stand: The value in force for standing up (1) or sitting down (0); None where it can do neither by command.
+        is_out_of_turn: Whether its publisher's count of messages went back: the robot was started anew, or another node
+            publishes `mode` too.
+        is_introduced: Whether the heartbeats of `station` count.
+        posture: What a robot that stands up and sits down by command is doing; None for any other.
     """
 
     name: str
@@ -46,12 +51,14 @@ class ModeReport(NamedTuple):
     station: str = ""
     beat_ns: int = 0
     beat_age_ns: int = 0
-    stand: float | None = None
+    is_introduced: bool = False
+    posture: Posture | None = None
+    is_out_of_turn: bool = False
 
     @property
     def can_stand(self) -> bool:
         """Whether it can stand up and sit down by command."""
-        return self.stand is not None
+        return self.posture is not None
 
     @property
     def is_stopped(self) -> bool:
@@ -100,15 +107,16 @@ def decode_mode(name: str, values: Mapping[str, str]) -> ModeReport | None:
     beat = _BEAT.fullmatch(values.get("heartbeat", ""))
     age_ms = _number(values.get("heartbeat_age_ms", "")) or 0.0
     return ModeReport(
-        name=clipped(name.removesuffix(MODE_SUFFIX)),
+        name=shortened(name.removesuffix(MODE_SUFFIX)),
         mode=Mode(mode),
-        reason=clipped(values.get("reason", "")),
+        reason=shortened(values.get("reason", "")),
         drives=drives if drives in _DRIVES else "",
         is_zero={"true": True, "false": False}.get(values.get("zero", "")),
         station=beat[1] if beat else "",
         beat_ns=int(beat[2]) if beat else 0,
         beat_age_ns=round(max(age_ms, 0.0) * _NS_PER_MS),
-        stand=_number(values.get("stand", "")),
+        is_introduced=values.get("introduced", "") == "true",
+        posture=_POSTURES.get(values.get("posture", "")),
     )
 
 
@@ -118,7 +126,7 @@ def decode_health(statuses: Iterable[tuple[str, Mapping[str, str]]]) -> Health:
     links: dict[str, dict[str, str]] = {}
     timing: dict[str, str] = {}
     for name, values in statuses:
-        bounded = {clipped(key): clipped(text) for key, text in list(values.items())[:_MOST_VALUES]}
+        bounded = {shortened(key): shortened(text) for key, text in list(values.items())[:_MOST_VALUES]}
         match name.rpartition(": ")[2]:
             case "mode":
                 checks = {key.removeprefix(_CHECK): text for key, text in bounded.items() if key.startswith(_CHECK)}
@@ -161,10 +169,8 @@ def _number(text: str) -> float | None:
 def read_odometry(data: bytes) -> Odometry | None:
     """Decode a nav_msgs/Odometry; None where the bytes are not that or not finite.
 
-    rclpy takes 0.2 ms to make one into objects, most of it for covariances.
-
-    Args:
-        data: The message in XCDR1, as ROS 2 sends it (OMG DDSI-RTPS 2.3, 10.2), with its four bytes of encapsulation.
+    rclpy takes 0.2 ms to make one into objects, most of it for covariances. The data are the message in XCDR1, as ROS 2
+    sends it (OMG DDSI-RTPS 2.3, 10.2), with its four bytes of encapsulation.
     """
     try:
         order = "<" if data[1] == 1 else ">"
@@ -186,8 +192,3 @@ def _after_text(body: memoryview, at: int, order: str) -> int:
     at = -(-at // 4) * 4
     (length,) = struct.unpack_from(f"{order}I", body, at)
     return int(at + 4 + length)
-
-
-def clipped(text: str) -> str:
-    """A text of the network, short enough to be kept and shown."""
-    return text if len(text) <= _LONGEST_TEXT else text[: _LONGEST_TEXT - 3] + "..."

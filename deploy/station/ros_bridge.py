@@ -6,6 +6,7 @@ Topics and services are taken straight from their handles; no executor runs. Mea
 at the pace of the picture.
 """
 
+import contextlib
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from segway_ecc.deploy.station.command_handler import CommandHandler
 from segway_ecc.deploy.station.fleet import MOST_ROBOTS, EventLog, Heartbeats
 from segway_ecc.deploy.station.requests import ServiceResponse
 from segway_ecc.deploy.station.robot_messages import (
+    ModeReport,
     Pitch,
     RobotMessage,
     SetpointReport,
@@ -25,7 +27,10 @@ from segway_ecc.deploy.station.robot_messages import (
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.trajectory import Trajectory
-from segway_ecc.node.ros.messages import RosObject, duration, message_type, stamp_ns
+from segway_ecc.node.errors import shortened
+from segway_ecc.node.ros.messages import RosObject, decode_message, duration, message_type, stamp_ns
+from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE
+from segway_ecc.node.ros.runtime import UNKNOWN_NODE
 from segway_ecc.node.ros.trajectories import (
     STATUS_TOPIC,
     STATUS_TYPE,
@@ -40,12 +45,18 @@ MODE_TOPIC: Final = "mode"
 MODE_TYPE: Final = "diagnostic_msgs/msg/DiagnosticStatus"
 _DISCOVER_EVERY_NS: Final = 500_000_000
 _FLUSH_NS: Final = 500_000_000
-_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
-"""The graph's name of a node of which only a topic was discovered yet."""
+_LOOKS_WITHOUT_STOP: Final = 20
+"""DDS may discover the services of a robot that starts later than its topics; so many looks are 10 s."""
+_MOST_REPORTED: Final = 4
+"""Of the nodes that publish `mode` in a namespace, and are not followed."""
 _NEWEST: Final = 1
 _ALL: Final = 10
 """Modes must not be missed; a robot that keeps to its rate publishes no more between two polls."""
 _SENT_DEPTH: Final = 10
+_NOT_COUNTED: Final = 2**64 - 1
+"""The number of a message where a middleware does not count them (rmw.h)."""
+_LARGEST_BYTES: Final = 65_536
+"""Of any message of a robot; its diagnostics are the largest, some 10 KiB. rclpy decodes so many within 4 ms."""
 
 
 def robots_in(topics: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
@@ -75,10 +86,11 @@ class RosRobotConnection:
         self.refused = 0
         self._node = node
         self._robot = robot
-        self._mode = self._subscribe(MODE_TYPE, MODE_TOPIC, _ALL)
-        self._trajectory = self._subscribe(STATUS_TYPE, STATUS_TOPIC, _ALL)
-        self._odometry = self._subscribe("nav_msgs/msg/Odometry", "odom", _NEWEST)
-        decoders: Mapping[tuple[str, str], Callable[[RosObject], RobotMessage]] = {
+        self._always = [
+            (self._subscribe(MODE_TYPE, MODE_TOPIC, _ALL), _decoder(MODE_TYPE, _read_mode)),
+            (self._subscribe(STATUS_TYPE, STATUS_TOPIC, _ALL), _decoder(STATUS_TYPE, read_status)),
+        ]
+        readers: Mapping[tuple[str, str], Callable[[RosObject], RobotMessage | None]] = {
             ("geometry_msgs/msg/TwistStamped", "setpoint"): lambda message: SetpointReport(
                 stamp_ns(message.header), message.twist.linear.x, message.twist.angular.z
             ),
@@ -88,14 +100,18 @@ class RosRobotConnection:
                 (status.name, _values(status)) for status in message.status
             ),
         }
-        self._others = [(self._subscribe(*of, _NEWEST), decode) for of, decode in decoders.items()]
+        self._others = [
+            (self._subscribe("nav_msgs/msg/Odometry", "odom", _NEWEST), read_odometry),
+            *((self._subscribe(*of, _NEWEST), _decoder(of[0], read)) for of, read in readers.items()),
+        ]
         self._drive = self._publisher("geometry_msgs/msg/Twist", "cmd_vel", _SENT_DEPTH)
         self._follow = self._publisher(TRAJECTORY_TYPE, TRAJECTORY_TOPIC, _SENT_DEPTH)
-        self._stand = self._publisher("std_msgs/msg/Float64", "set/stand", _SENT_DEPTH)
         self._beat = self._publisher("std_msgs/msg/Header", "station", _NEWEST)
+        self._watch = self._publisher(WATCH_TYPE, WATCH_TOPIC, _SENT_DEPTH)
         self._trigger = message_type("std_srvs/srv/Trigger")
         self._request, self._response = self._trigger.Request(), self._trigger.Response
         self._clients: dict[Action, RosObject] = {}
+        self._mode_number = 0
         self.serve_by(model_node)
 
     def serve_by(self, model_node: str) -> None:
@@ -110,25 +126,12 @@ class RosRobotConnection:
 
     def received(self, *, everything: bool) -> Iterator[tuple[RobotMessage, int]]:
         """What arrived on `mode` and `trajectory_status`, the newest of `everything` else, and when (Unix, ns)."""
-        decoders: tuple[tuple[RosObject, Callable[[RosObject], RobotMessage | None]], ...] = (
-            (self._mode, lambda message: decode_mode(message.name, _values(message))),
-            (self._trajectory, read_status),
-        )
-        for subscription, decode in decoders:
-            for _ in range(_ALL):
-                taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's form
-                if taken is None:
-                    break
-                yield from self._valid(decode(taken[0]), taken)
+        for subscription, decode in self._always:
+            yield from self._taken(subscription, decode, _ALL)
         if not everything:
             return
-        taken = self._odometry.handle.take_message(self._odometry.msg_type, True)  # noqa: FBT003 - rclpy's form: raw
-        if taken is not None:
-            yield from self._valid(read_odometry(taken[0]), taken)
         for subscription, decode in self._others:
-            taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's form
-            if taken is not None:
-                yield from self._valid(decode(taken[0]), taken)
+            yield from self._taken(subscription, decode, _NEWEST)
 
     def beat(self, station: str, stamp_ns: int) -> None:
         """Send a heartbeat."""
@@ -152,7 +155,8 @@ class RosRobotConnection:
                 header, response = client.handle.take_response(self._response)
                 if header is None:
                     break
-                yield ServiceResponse(action, header.request_id.sequence_number, response.success, response.message)
+                text = shortened(response.message)
+                yield ServiceResponse(action, header.request_id.sequence_number, response.success, text)
 
     def drive(self, setpoint: Setpoint) -> None:
         """See `RobotConnection.drive`."""
@@ -169,15 +173,36 @@ class RosRobotConnection:
         for publisher in (self._drive, self._follow):
             publisher.wait_for_all_acked(duration(within_ns * 1e-9))
 
-    def stand(self, *, up: bool) -> None:
-        """See `RobotConnection.stand`."""
-        self._stand.publish(self._stand.msg_type(data=1.0 if up else 0.0))
+    def introduce(self, station: str) -> None:
+        """See `RobotConnection.introduce`."""
+        self._watch.publish(self._watch.msg_type(data=station))
 
-    def _valid(self, message: RobotMessage | None, taken: RosObject) -> Iterator[tuple[RobotMessage, int]]:
-        if message is None:
-            self.refused += 1
-        else:
-            yield message, taken[1]["received_timestamp"] or time.time_ns()
+    def _taken(
+        self, subscription: RosObject, decode: Callable[[bytes], RobotMessage | None], at_most: int
+    ) -> Iterator[tuple[RobotMessage, int]]:
+        """Take messages as bytes, so that one that is too large is refused before rclpy makes objects of it."""
+        for _ in range(at_most):
+            taken = subscription.handle.take_message(subscription.msg_type, True)  # noqa: FBT003 - rclpy's form: raw
+            if taken is None:
+                return
+            data, message = taken[0], None
+            if len(data) <= _LARGEST_BYTES:
+                with contextlib.suppress(RuntimeError, ValueError):
+                    message = decode(data)
+            if isinstance(message, ModeReport):
+                message = self._in_turn(message, taken[1])
+            if message is None:
+                self.refused += 1
+            else:
+                yield message, taken[1]["received_timestamp"] or time.time_ns()
+
+    def _in_turn(self, mode: ModeReport, info: Mapping[str, int]) -> ModeReport:
+        """Each publisher counts its messages: where two publish, the count goes back all the time."""
+        number, before = info.get("publication_sequence_number") or 0, self._mode_number
+        if not 0 < number < _NOT_COUNTED:
+            return mode
+        self._mode_number = number
+        return mode._replace(is_out_of_turn=number <= before)
 
     def _subscribe(self, type_name: str, name: str, depth: int) -> RosObject:
         # No callback is ever called: that would take an executor.
@@ -185,6 +210,18 @@ class RosRobotConnection:
 
     def _publisher(self, type_name: str, name: str, depth: int) -> RosObject:
         return self._node.create_publisher(message_type(type_name), topic(self._robot, name), depth)
+
+
+def _decoder(
+    type_name: str, read: Callable[[RosObject], RobotMessage | None]
+) -> Callable[[bytes], RobotMessage | None]:
+    """What reads a message of a type from its bytes."""
+    kind = message_type(type_name)
+    return lambda data: read(decode_message(data, kind))
+
+
+def _read_mode(message: RosObject) -> RobotMessage | None:
+    return decode_mode(message.name, _values(message))
 
 
 class RosBridge:
@@ -200,7 +237,7 @@ class RosBridge:
         self._polled_ns = time.monotonic_ns()
         self._discovered_ns = -_DISCOVER_EVERY_NS
         self._turns = itertools.count()
-        self._shared: set[str] = set()
+        self._others: dict[str, tuple[int, list[str]]] = {}
         self._is_full = False
 
     @property
@@ -241,15 +278,19 @@ class RosBridge:
                 connection.beat(self._beats.name, stamp_ns)
 
     def discover(self, now_ns: int) -> None:
-        """Follow robots that come and go in the graph; of those that are alive, one is checked each time."""
+        """Follow robots that come and go in the graph; of those that are alive, one is checked each time.
+
+        Those that a report or a response is awaited of are checked too: the request may have gone to a node that left.
+        """
         if now_ns - self._discovered_ns < _DISCOVER_EVERY_NS:
             return
         self._discovered_ns = now_ns
         names = robots_in(self._node.get_topic_names_and_types())
+        self._others = {name: self._others.get(name, (0, [])) for name in names}
         turn = names[next(self._turns) % len(names)] if names else ""
         for name in names:
             robot = self._handler.fleet.robots.get(name)
-            if robot is None or not robot.is_alive or name == turn:
+            if robot is None or not robot.is_alive or name == turn or self._handler.is_waiting_for(name):
                 self._follow(name)
 
     def refused(self) -> Mapping[str, int]:
@@ -258,26 +299,45 @@ class RosBridge:
         return {"message: malformed": count} if count else {}
 
     def _follow(self, name: str) -> None:
-        peers = self._node.get_publishers_info_by_topic(topic(name, MODE_TOPIC))
-        nodes = sorted({peer.node_name for peer in peers} - {_UNKNOWN, ""})
-        if not nodes:
-            return
-        if len(peers) == 1:
-            self._shared.discard(name)
-        elif name not in self._shared:
-            self._shared.add(name)
-            text = f"{len(peers)} robots share this namespace: give each its own with --namespace"
-            self._events.add(name, text, level="error")
+        """Follow a node that publishes `mode` and offers `~/stop`; one that is followed stays while it does both."""
+        infos = self._node.get_publishers_info_by_topic(topic(name, MODE_TOPIC))
+        publishers = sorted(info.node_name for info in infos if info.node_name not in {UNKNOWN_NODE, ""})
+        serving = [node for node in publishers if self._offers_stop(name, node)]
         connection = self.connections.get(name)
         if connection is not None:
-            if connection.model_node not in nodes:
-                connection.serve_by(nodes[0])
-        elif len(self.connections) < MOST_ROBOTS:
-            self.connections[name] = connection = RosRobotConnection(self._node, name, nodes[0])
+            if serving and connection.model_node not in serving:
+                text = f"{connection.model_node} no longer publishes mode and offers ~/{Action.STOP}"
+                self._events.add(name, f"{text}: {serving[0]} is followed", level="warning")
+                connection.serve_by(serving[0])
+        elif serving and len(self.connections) < MOST_ROBOTS:
+            self.connections[name] = connection = RosRobotConnection(self._node, name, serving[0])
             self._handler.add(name, connection)
-        elif not self._is_full:
+        elif serving and not self._is_full:
             self._is_full = True
             self._events.add("", f"more than {MOST_ROBOTS} robots: {name} is not followed", level="error")
+        self._report_others(name, publishers, serving)
+
+    def _offers_stop(self, name: str, node: str) -> bool:
+        return bool(self._node.count_services(topic(name, f"{node}/{Action.STOP}")))
+
+    def _report_others(self, name: str, publishers: Sequence[str], serving: Sequence[str]) -> None:
+        """Report once who else publishes `mode` in a namespace, and again where that has changed."""
+        looks, reported = self._others[name]
+        looks = 0 if serving else looks + 1
+        texts = []
+        if len(serving) > 1:
+            followed = self.connections[name].model_node if name in self.connections else "none"
+            advice = f"give each its own with --namespace; {followed} is followed"
+            texts.append(f"{len(serving)} robots share this namespace: {advice}")
+        if serving or looks > _LOOKS_WITHOUT_STOP:
+            texts += [
+                f"{node} publishes mode in this namespace and offers no ~/{Action.STOP}: it is not followed; end it"
+                for node in sorted(set(publishers) - set(serving))[:_MOST_REPORTED]
+            ]
+        for text in texts:
+            if text not in reported:
+                self._events.add(name, text, level="error")
+        self._others[name] = looks, texts
 
 
 def _values(message: RosObject) -> Mapping[str, str]:

@@ -8,16 +8,18 @@ from segway_ecc.deploy.station.control import fitted
 from segway_ecc.deploy.station.requests import WITHIN_NS, Reply, RobotConnection
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.trajectory import CANCEL, TOO_LATE, Trajectory, TrajectoryStatus
+from segway_ecc.node.cycle.trajectory import CANCEL, TOO_LATE, Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Manoeuvre, Odometry, Player, PlayState
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Manoeuvre, Odometry, Player, PlayState, start_stamp
 
 LONGEST_TEXT: Final = 65_536
 _LONGEST_NAME: Final = 80
 _SHORTEST_S: Final = 0.01
 """Of a segment: a robot at 100 Hz would not follow a shorter one."""
 _AGAIN_NS: Final = 500_000_000
+_GOES_ON: Final = (TrajectoryState.ACCEPTED, TrajectoryState.FOLLOWED)
+_UNCONFIRMED: Final = "; the robot does not confirm that it stopped"
 
 
 @enum.unique
@@ -37,10 +39,7 @@ def read_sequence(text: str, name: str, limits: Setpoint) -> Manoeuvre:
     """
     if len(text.encode(errors="replace")) > LONGEST_TEXT:
         raise ConfigurationError(f"{name} is longer than {LONGEST_TEXT // 1024} KiB")
-    try:
-        manoeuvre = decode_yaml(text, Manoeuvre, name)
-    except RecursionError as error:
-        raise ConfigurationError(f"{name} is nested too deeply") from error
+    manoeuvre = decode_yaml(text, Manoeuvre, name)
     for index, segment in enumerate(manoeuvre.segments):
         wanted = Setpoint(segment.linear, segment.angular)
         if fitted(*wanted, limits) != wanted:
@@ -66,6 +65,8 @@ class SequencePlayback:
         self._lead_ns = LEAD_NS
         self._sent: Trajectory | None = None
         self._again_ns = now_ns
+        self._is_cancelling = False
+        self._unconfirmed = ""
 
     @property
     def is_over(self) -> bool:
@@ -76,19 +77,23 @@ class SequencePlayback:
     def view(self) -> SequenceView:
         """How far it is."""
         return SequenceView(
-            name=self._name, fraction=self._player.fraction, state=self._state.value, reason=self._reason
+            name=self._name,
+            fraction=self._player.fraction,
+            state=self._state.value,
+            reason=self._reason + self._unconfirmed,
         )
 
     @property
     def outcome(self) -> str:
         """For the event log."""
-        return f"sequence {self._name}: {self._state.value}" + (f": {self._reason}" if self._reason else "")
+        reason = f": {self._reason}" if self._reason else ""
+        return f"sequence {self._name}: {self._state.value}{reason}{self._unconfirmed}"
 
     def on_status(self, status: TrajectoryStatus) -> None:
         """Receive what the robot reports of a trajectory."""
+        self._player.receive_status(status)
         if self.is_over:
             return
-        self._player.receive_status(status)
         reason = self._player.status.reason if self._player.status is not None else ""
         match self._player.state:
             case PlayState.REFUSED if reason.startswith(TOO_LATE):
@@ -102,28 +107,41 @@ class SequencePlayback:
                 self._answer(accepted=True, text=f"{self._name} is being played")
 
     def step(self, connection: RobotConnection, odometry: Odometry | None, now_ns: int) -> None:
-        """Send it, again where no answer comes, until the robot confirms it; then follow the robot's time."""
+        """Send it, again where no answer comes, until the robot confirms it; then follow the robot's time.
+
+        What was broken off is cancelled, until the robot reports its end, and `outcome` has it where that is late.
+        """
         if self.is_over:
+            self._cancel(connection, now_ns)
             return
         if self._state is _State.WAITING and now_ns - self._since_ns > WITHIN_NS:
-            self.break_off(connection, "the robot does not answer whether it takes it", failed=True)
+            self.break_off(connection, "the robot does not answer whether it takes it", now_ns, failed=True)
             return
         if odometry is not None:
             self._player.latest_ns = odometry.stamp_ns
         if self._player.state is PlayState.DONE:
             self._end(_State.DONE, "")
         elif self._state is _State.WAITING and odometry is not None and now_ns >= self._again_ns:
-            self._sent = self._sent or self._player.trajectory(odometry.stamp_ns + self._lead_ns)
+            self._sent = self._sent or self._player.trajectory(start_stamp(odometry.stamp_ns, self._lead_ns))
             self._again_ns = now_ns + _AGAIN_NS
             connection.follow(self._sent)
 
-    def break_off(self, connection: RobotConnection, reason: str, *, failed: bool = False) -> None:
+    def break_off(self, connection: RobotConnection, reason: str, now_ns: int, *, failed: bool = False) -> None:
         """End it: an empty trajectory brings the robot to rest."""
         if self.is_over:
             return
-        if self._sent is not None:
-            connection.follow(CANCEL)
+        self._is_cancelling, self._since_ns, self._again_ns = self._sent is not None, now_ns, now_ns
+        self._cancel(connection, now_ns)
         self._end(_State.FAILED if failed else _State.BROKEN_OFF, reason)
+
+    def _cancel(self, connection: RobotConnection, now_ns: int) -> None:
+        status, is_late = self._player.status, now_ns - self._since_ns > WITHIN_NS
+        self._is_cancelling = self._is_cancelling and (status is None or status.state in _GOES_ON)
+        self._unconfirmed = _UNCONFIRMED if self._is_cancelling and is_late else ""
+        # A robot that never answered may not have it, and follow another's by now.
+        if self._is_cancelling and now_ns >= self._again_ns and not (status is None and is_late):
+            self._again_ns = now_ns + _AGAIN_NS
+            connection.follow(CANCEL)
 
     def _end(self, state: _State, reason: str) -> None:
         self._state, self._reason = state, reason

@@ -1,22 +1,27 @@
 # SPDX-License-Identifier: MIT
 """The base station's connection to the robots: one ROS thread, and methods for every other thread."""
 
+import datetime as dt
 import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Final, Self
+
+import msgspec
 
 from segway_ecc.deploy.station.command_handler import CommandHandler, SubmittedCommand
 from segway_ecc.deploy.station.fleet import EventLog, Heartbeats
+from segway_ecc.deploy.station.kept_stops import KeptStop, KeptStops
 from segway_ecc.deploy.station.requests import Reply, once
 from segway_ecc.deploy.station.ros_bridge import RosBridge
 from segway_ecc.deploy.station.sequences import read_sequence
 from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
+from segway_ecc.node.errors import ConfigurationError, RosUnavailableError, shortened
 from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
@@ -37,20 +42,30 @@ class Station:
     limits: Final = Setpoint(3.0, 6.0)
     """The fastest that an operator may request: m/s, rad/s. A robot may allow less."""
 
-    def __init__(self, name: str, *, ros_arguments: Sequence[str] = (), is_watching: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        *,
+        ros_arguments: Sequence[str] = (),
+        is_watching: bool = False,
+        folder: Path | None = None,
+    ) -> None:
         """Prepare a station; entering its context starts it.
 
         Args:
             name: Its name in the robots' reports.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
             is_watching: Whether it only watches: then it sends no heartbeats, so no robot comes to rely on it.
+            folder: Where stops are kept until they are confirmed; without it they end with this process.
         """
         self._ros_arguments = ros_arguments
         self._events = EventLog(time.time_ns)
         beats = Heartbeats(name)
         self._handler = CommandHandler(self._events, beats, self.limits)
         self._bridge = RosBridge(self._handler, None if is_watching else beats, self._events)
+        self._kept = None if folder is None else KeptStops(folder, self._log_failure)
         self._failures: set[str] = set()
+        self._pending: dict[str, KeptStop] = {}
         self._stops: deque[SubmittedCommand] = deque()
         self._commands: deque[SubmittedCommand | str] = deque()
         self._drives: dict[tuple[str, str], tuple[Drive, int]] = {}
@@ -71,6 +86,9 @@ class Station:
         Raises:
             RosUnavailableError: ROS is not there or does not start.
         """
+        if self._kept is not None:
+            for robot, stop in self._kept.load().items():
+                self._restore(robot, stop)
         self._thread.start()
         self._has_begun.wait()
         if self._failure is not None:
@@ -87,6 +105,8 @@ class Station:
         self._wake.set()
         if self._thread.ident is not None:
             self._thread.join(_ENDS_WITHIN_S)
+        if self._kept is not None:
+            self._kept.close()
         self._readers.shutdown()
         self._answer_late()
 
@@ -103,13 +123,10 @@ class Station:
         return self._events.after(after)
 
     def submit(self, who: str, command: Command, reply: Reply) -> None:
-        """Have a command carried out.
+        """Have an operator's command carried out.
 
-        Args:
-            who: The operator.
-            command: The command.
-            reply: Called once, from another thread, with whether it was confirmed and the text. Where the station is
-                ending or has too much to do it is called at once, from this thread.
+        `reply` is called once, from another thread, with whether it was confirmed and the text. Where the station is
+        ending or has too much to do it is called at once, from this thread.
         """
         submitted = SubmittedCommand(who, command, once(reply), time.monotonic_ns())
         if command.act is not Act.PLAY:
@@ -159,6 +176,9 @@ class Station:
             manoeuvre = read_sequence(command.text, command.name[:80] or "the sequence", self.limits)
         except ConfigurationError as error:
             manoeuvre = str(error)
+        except Exception as error:  # whatever it is, who asked is waiting for an answer
+            _logger.exception("a sequence could not be read, and the station goes on")
+            manoeuvre = shortened(f"the station failed to read it: {type(error).__name__}: {error}")
         finally:
             self._reading.release()
         self._enqueue(SubmittedCommand(submitted.who, command, submitted.reply, submitted.at_ns, manoeuvre))
@@ -188,14 +208,43 @@ class Station:
             self._has_begun.set()
 
     def _step(self, is_tick: bool) -> None:  # noqa: FBT001 - passed through by `_guarded`
-        self._bridge.poll(everything=is_tick)
+        # A message that makes this fail must not keep stops from being sent again.
+        self._guarded(lambda: self._bridge.poll(everything=is_tick))
         now_ns = time.monotonic_ns()
         self._handler.step(now_ns)
+        self._keep_stops()
         if is_tick:
             self._bridge.beat(now_ns)
-            self._picture = self._handler.view(now_ns)
+            self._picture = self._view(now_ns)
             self._refused = dict(self._handler.refused) | dict(self._bridge.refused())
             self._bridge.discover(now_ns)
+
+    def _view(self, now_ns: int) -> FleetView:
+        picture = self._handler.view(now_ns)
+        kept = {} if self._kept is None else self._kept.on_disk
+        robots = [msgspec.structs.replace(robot, stop_kept=robot.robot in kept) for robot in picture.robots]
+        return msgspec.structs.replace(picture, robots=robots)
+
+    def _keep_stops(self) -> None:
+        pending = self._handler.pending_stops()
+        if self._kept is not None and pending.keys() != self._pending.keys():
+            self._pending = {
+                name: self._pending.get(name) or KeptStop(who, time.time_ns()) for name, who in pending.items()
+            }
+            self._kept.keep(self._pending)
+
+    def _restore(self, robot: str, stop: KeptStop) -> None:
+        """Deliver a stop that an earlier station could not."""
+        self._pending[robot] = stop
+        when = dt.datetime.fromtimestamp(stop.wall_ns // 1_000_000_000, dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        text = f"stop of {stop.who}, {when}, was not confirmed before this station started: it is sent until it is"
+        self._events.add(robot, text, level="warning", who=stop.who)
+        self._enqueue(
+            SubmittedCommand(stop.who, Command(id=1, robot=robot, act=Act.STOP), _no_reply, time.monotonic_ns())
+        )
+
+    def _log_failure(self, text: str) -> None:
+        self._events.add("", text, level="error")
 
     def _carry_out(self) -> None:
         """What operators submitted since the last step: stops before everything else."""
@@ -233,3 +282,7 @@ class Station:
             self._stops, self._commands = deque(), deque()
         for submitted in late:
             submitted.reply(False, _ENDS)  # noqa: FBT003 - the contract's form
+
+
+def _no_reply(accepted: bool, text: str) -> None:  # noqa: FBT001 - the contract's form
+    """Whoever asked is gone; the event log has the outcome."""

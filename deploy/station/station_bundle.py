@@ -80,9 +80,7 @@ class StationBundle:
 def robots(ros_arguments: Sequence[str] = (), patience_s: float = 5.0) -> Collected:
     """A picture of every robot that is found, as `segway-ecc station status --json` shows it.
 
-    Args:
-        ros_arguments: What followed `--ros-args` on the command line, that flag included.
-        patience_s: How long to wait for all reports, s.
+    All reports are waited for `patience_s`, s; `ros_arguments` begin with `--ros-args`, as on the command line.
     """
     require_ros()
     deadline_s = time.monotonic() + patience_s

@@ -13,7 +13,9 @@ class Act(enum.StrEnum):
     """What an operator can command."""
 
     STOP = "stop"
-    """Torque off, latched until cleared."""
+    """Torque off, latched until cleared; of a robot that was not found yet, as soon as it is."""
+    CANCEL_STOP = "cancel_stop"
+    """Take back a stop that is not confirmed."""
     CLEAR_FAULT = "clear_fault"
     ARM = "arm"
     DISARM = "disarm"
@@ -56,6 +58,7 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
         drives: `on`, `off`, `unconfirmed` where not every drive reports that it is off, or `none` where it has none.
         is_zero: Whether the commands of its newest cycle were all zero.
         stop: Empty, `requested`, or `confirmed`: in FAULT, with drives that report off, or with no drives and zero.
+        stop_kept: Whether a requested stop is on the station's disk: one that starts again delivers it.
         stop_after_s: From our request to that confirmation, s.
         pitch: Forward lean, rad.
         linear_velocity: m/s.
@@ -70,6 +73,7 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
         links: Health of each link, by name: `state`, frames, errors, load and so on, as in its diagnostics.
         timing: Rate, deadlines and percentiles of the phases, as in its diagnostics.
         controller: Who commands it from this station, or empty.
+        posture: What a robot that stands up and sits down by command is doing; empty for any other.
     """
 
     robot: str
@@ -82,6 +86,7 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
     drives: str = ""
     is_zero: bool | None = None
     stop: str = ""
+    stop_kept: bool = False
     stop_after_s: float | None = None
     pitch: float | None = None
     linear_velocity: float | None = None
@@ -98,13 +103,13 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
     controller: str = ""
     sequence: SequenceView | None = None
     can_stand: bool = False
+    posture: str = ""
 
 
 class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="fleet"):
-    """Every robot that was found since the station began, sorted by namespace.
+    """Every robot that was found since the station began, or that is to be stopped when it is; by namespace.
 
-    Attributes:
-        time_s: The station's monotonic clock, s: a picture whose time does not advance is stale.
+    `time_s` is the station's monotonic clock, s: a picture whose time does not advance is stale.
     """
 
     time_s: float
@@ -178,9 +183,8 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
 class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="command", forbid_unknown_fields=True):
     """A command of the page.
 
-    Attributes:
-        id: Counts up within a socket; one that does not is refused, as a replayed one.
-        text: The sequence to play, as YAML, for `play`; `name` is what to call it.
+    The id counts up within a socket; one that does not is refused, as a replayed one. For `play`, the text is the
+    sequence, as YAML, and the name what to call it.
     """
 
     id: int

@@ -106,9 +106,7 @@ def open_log(folder: Path, name: str) -> tuple[int, int]:
 class FileRequest(NamedTuple):
     """What a parameter's name asks for, where it is about a file.
 
-    Attributes:
-        kind: `log`, `sha256` or `bundle`.
-        number: Where the piece begins, or how much is hashed, bytes.
+    Its kind is `log`, `sha256` or `bundle`; the number is where the piece begins, or how much is hashed, bytes.
     """
 
     kind: str

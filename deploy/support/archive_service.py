@@ -6,7 +6,6 @@ a ROS context of their own, apart from the robots' connections.
 """
 
 import contextlib
-import importlib
 import threading
 import time
 from collections import deque
@@ -17,7 +16,7 @@ from typing import Final, NamedTuple
 from segway_ecc.deploy.support.archive_files import NODE, Value, piece_of, words_of
 from segway_ecc.node.errors import NobodyListensError, NodeError
 from segway_ecc.node.ros.messages import RosObject, message_type
-from segway_ecc.node.ros.runtime import ros_node
+from segway_ecc.node.ros.runtime import ros_node, steady_executor
 
 SERVICE: Final = "get_parameters"
 _MOST_NAMES: Final = 4
@@ -42,26 +41,24 @@ class ArchiveServer:
 
     def __init__(self, node: RosObject, answer: Callable[[str], Value], bytes_per_s: float) -> None:
         """Answer through `node`, which has no parameter services of its own; `answer` knows a parameter's value."""
-        executors = importlib.import_module("rclpy.executors")
+        self._node = node
         self._answer = answer
         self._bytes_per_s = bytes_per_s
         self._owed_s = 0.0
         self._value_type = message_type("rcl_interfaces/msg/ParameterValue")
         service_type = message_type("rcl_interfaces/srv/GetParameters")
         node.create_service(service_type, f"~/{SERVICE}", self._serve)
-        self._executor = executors.SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(node)
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Answer until `stopped`, which is asked often, is true."""
-        while not stopped():
-            self._executor.spin_once(timeout_sec=_LOOK_S)
-            # Whatever was sent is waited for before the next request is even looked at, whoever's it is.
-            while self._owed_s > 0.0 and not stopped():
-                pause_s = min(self._owed_s, _LOOK_S)
-                time.sleep(pause_s)
-                self._owed_s -= pause_s
-        self._executor.shutdown()
+        with steady_executor(self._node) as executor:
+            while not stopped():
+                executor.spin_once(timeout_sec=_LOOK_S)
+                # Whatever was sent is waited for before the next request is even looked at, whoever's it is.
+                while self._owed_s > 0.0 and not stopped():
+                    pause_s = min(self._owed_s, _LOOK_S)
+                    time.sleep(pause_s)
+                    self._owed_s -= pause_s
 
     def _serve(self, request: RosObject, response: RosObject) -> RosObject:
         response.values = [self._value_type() for _ in request.names]
@@ -139,7 +136,7 @@ class ArchiveCalls:
             raise NobodyListensError(f"the archive of robot {robot} gave no answer") from None
 
     def close(self) -> None:
-        """End the thread; what is waited for fails."""
+        """End the thread; what is waited for fails, and later calls of `ask`."""
         with self._lock:
             self._is_ending = True
             thread, wake = self._thread, self._wake
@@ -150,8 +147,8 @@ class ArchiveCalls:
     def _run(self) -> None:
         failure: Exception = NobodyListensError("the station ends")
         try:
-            with ros_node("station_archive", "", self._ros_arguments) as node:
-                exchange = _Exchange(node)
+            with ros_node("station_archive", "", self._ros_arguments) as node, steady_executor(node) as executor:
+                exchange = _Exchange(node, executor)
                 with self._lock:
                     self._wake = exchange.wake
                 while not self._is_ending:
@@ -183,12 +180,10 @@ def _trigger(wake: RosObject) -> None:
 class _Exchange:
     """What belongs to the thread that runs ROS."""
 
-    def __init__(self, node: RosObject) -> None:
-        executors = importlib.import_module("rclpy.executors")
+    def __init__(self, node: RosObject, executor: RosObject) -> None:
         self._type = message_type("rcl_interfaces/srv/GetParameters")
         self._node = node
-        self._executor = executors.SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(node)
+        self._executor = executor
         self._clients: dict[str, RosObject] = {}
         self._begun_s = time.monotonic()
         self._unsent: list[_Call] = []
@@ -232,4 +227,3 @@ class _Exchange:
     def fail(self, why: str) -> None:
         for call in (*self._unsent, *(call for call, _, _ in self._sent)):
             call.answer.set_exception(NobodyListensError(why))
-        self._executor.shutdown()

@@ -48,9 +48,7 @@ _OFTEN: Final = 0.36
 class Stored(NamedTuple):
     """Bytes that are kept as they are, such as a log that is packed already.
 
-    Attributes:
-        open: Opens them; its descriptor is ours to close.
-        size: How many are kept; fewer are where there are no more.
+    `open` opens them, its descriptor ours to close; at most `size` are kept, fewer where there are no more.
     """
 
     open: Callable[[], int]

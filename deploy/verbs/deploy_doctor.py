@@ -15,10 +15,11 @@ from typing import Final
 from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict, Workload, is_fit
 from segway_ecc.deploy.doctor.doctor import examine
 from segway_ecc.firmware_io.clock import NS_PER_S
-from segway_ecc.node.cli.options import add_json, default_log, print_found, robot_file
+from segway_ecc.node.cli.options import add_json, default_log, model_failures, print_found, robot_file
 from segway_ecc.node.config import packaged_robots
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.log_quota import LogQuota
+from segway_ecc.node.watchdog.watchdog import model_watchdog
 
 NOT_FIT: Final = 1
 _INSTALLED_ROBOT: Final = Path("/etc/segway-ecc/robot.yaml")
@@ -49,7 +50,8 @@ def run(options: argparse.Namespace) -> int:
     workload = Workload((options.logs or usual).absolute(), LogQuota().total_bytes, file)
     if file is not None:
         model = file.model
-        loaded = load_model(model.source, model.parameters, method=model.method, step_size=model.step_size)
+        with model_failures(model.source), model_watchdog(model.source):
+            loaded = load_model(model.source, model.parameters, method=model.method, step_size=model.step_size)
         workload = dataclasses.replace(workload, period_ns=round(loaded.step_size * NS_PER_S))
     findings = examine(System(Probes(_show_progress)), workload)
     _show_progress(1.0)

@@ -6,12 +6,11 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
 from segway_ecc.deploy.image.build import BuildOptions, build
-from segway_ecc.deploy.image.commands import missing
-from segway_ecc.deploy.image.recipe import KERNELS, Recipe, base_archive, differences, read_manifest, recipe_of
-from segway_ecc.node.cli.options import add_json, print_found
+from segway_ecc.deploy.image.recipe import KERNELS, Recipe, base_archive, differences, missing, read_manifest, recipe_of
+from segway_ecc.node.cli.options import add_json, output_of, print_found
 from segway_ecc.node.errors import ConfigurationError
 
 _AS_ROOT: Final = ("--map-root-user", "--map-auto")
@@ -54,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
             vcan=options.vcan,
         )
     if os.geteuid() != 0:
-        return _as_root(recipe)
+        return _as_root(recipe, output_of(options))
     if options.config is not None and not options.config.is_dir():
         raise ConfigurationError(f"--config {options.config} is not a directory")
     what = BuildOptions(
@@ -70,13 +69,14 @@ def run(options: argparse.Namespace) -> int:
     return 1 if found else 0
 
 
-def _as_root(recipe: Recipe) -> int:
+def _as_root(recipe: Recipe, output: TextIO) -> int:
     """The same command again in a user namespace, where this user's subordinate ids are all users of the image."""
     if missing() is None:
         _show_step("Debian packages")
         base_archive(recipe)  # before, since mmdebstrap makes a namespace of its own
     unshare = shutil.which("unshare") or "unshare"
-    sys.stdout.flush()
+    output.flush()
+    os.dup2(output.fileno(), 1)
     os.execv(unshare, [unshare, *_AS_ROOT, "--", sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *sys.argv[1:]])  # noqa: S606 - ours
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from segway_ecc import node
 from segway_ecc.deploy.release.requests import Content, push, robot_files
-from segway_ecc.deploy.verbs.deploy_options import add_host, add_trial, run_update, show_step
+from segway_ecc.deploy.verbs.deploy_status import add_host, add_trial, run_update, show_step
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.node.cli.options import robot_file
 from segway_ecc.node.config import packaged_robots

@@ -8,7 +8,7 @@ Exit codes besides the general ones: 6 no connection; 7 the connection was lost,
 import argparse
 
 from segway_ecc.deploy.release.requests import rollback
-from segway_ecc.deploy.verbs.deploy_options import add_host, add_trial, run_update, show_step
+from segway_ecc.deploy.verbs.deploy_status import add_host, add_trial, run_update, show_step
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

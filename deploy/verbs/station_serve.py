@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--port", type=int, default=_PORT, help=f"where to listen, 0 for any that is free (default: {_PORT})")
     add_listening(parser)
     option("--require-token", action="store_true", help="ask for a token on loopback too")
-    option("--folder", type=Path, metavar="DIR", help="where tokens and the audit log are kept")
+    option("--folder", type=Path, metavar="DIR", help="where tokens, stops and the audit log are kept")
     option("--logs", type=Path, metavar="DIR", help="where the logs lie that the page offers")
     option("--name", default="", help="what the robots know the station by (default: this machine's name)")
 
@@ -129,7 +129,7 @@ def _serve(
 
     with (
         contextlib.closing(ArchiveClient(ArchiveCalls(options.ros_arguments), folder / "fetched")) as archive,
-        Station(name, ros_arguments=options.ros_arguments) as station,
+        Station(name, ros_arguments=options.ros_arguments, folder=folder) as station,
     ):
         settings = server.ServerSettings(
             place,

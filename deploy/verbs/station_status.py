@@ -16,8 +16,9 @@ import msgspec
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import FleetView, RobotView
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, print_found, stopped_by_signals
-from segway_ecc.node.errors import AbandonedError, ConfigurationError, NobodyListensError, RobotLostError
+from segway_ecc.node.cli.options import add_json, check_seconds, print_found, stopped_by_signals
+from segway_ecc.node.cycle.report import state_text
+from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError
 from segway_ecc.node.ros.runtime import discovery_text
 from segway_ecc.node.safety.modes import Mode
 
@@ -40,8 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Look at the robots and show them."""
-    if not 0.0 < options.wait <= _LONGEST_S:
-        raise ConfigurationError(f"--wait must be more than 0 s and at most {_LONGEST_S:g} s")
+    check_seconds(options, "wait", _LONGEST_S)
     stop: list[str] = []
     with (
         stopped_by_signals(stop.append),
@@ -66,7 +66,7 @@ def exit_code(fleet: FleetView) -> int:
 def screen(robot: RobotView) -> str:
     """One robot as lines of text."""
     rows = {
-        "mode": f"{robot.mode}: {robot.reason}",
+        "mode": f"{state_text(robot.mode, robot.posture)}: {robot.reason}",
         "received": f"{robot.age_s:.2f} s ago" + ("" if robot.is_alive else ", LOST: what it last was is shown"),
         "tilt": _number(robot.pitch, "deg", math.degrees),
         "velocity": _pair(robot.linear_velocity, robot.angular_velocity),

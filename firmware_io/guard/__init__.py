@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The guard: disables the drives when commands stop, whatever became of the node."""
+"""The guard: disables the drives when the node's heartbeats stop, whatever became of it."""

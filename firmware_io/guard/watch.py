@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: MIT
-"""What the guard decides: given the frames on the bus, the node's heartbeats and the time, which frames to send."""
+"""What the guard decides: given the frames on the bus, the node's heartbeats and the time, which frames to send.
+
+A command keeps nothing alive: anybody can send one. Only the heartbeats of the bus' owner show that the node lives.
+"""
 
 import enum
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
-
-from msgspec.structs import replace
 
 from segway_ecc.firmware_io.drives.stopper import Meaning, Stopper
 from segway_ecc.firmware_io.links.link import Frame
 
 LIMIT_NS: Final = 30_000_000
-"""Commands that stopped this long ago have stopped."""
+"""Heartbeats that stopped this long ago have stopped."""
 AGAIN_NS: Final = 10_000_000
 """From one round of stop frames to the next."""
 GIVE_UP_NS: Final = 1_000_000_000
 """Longest time that stop frames are sent for."""
 IN_FLIGHT_NS: Final = 5_000_000
 """A report that arrives this soon after a command may have been on its way before it."""
-ECHO_NS: Final = 100_000_000
-"""A frame of our own that has not come back by then does not come back."""
+STRANGE_NS: Final = 100_000_000
+"""Stop frames go on until strange commands have been missing for as long."""
 KEPT: Final = 100
 """Interventions that are remembered; all are counted."""
 
@@ -30,7 +31,8 @@ KEPT: Final = 100
 class Cause(enum.StrEnum):
     """Why the guard stopped the drives."""
 
-    SILENCE = "commands stopped"
+    SILENCE = "the node's heartbeats stopped"
+    STRANGER = "motion was commanded that the node did not want"
     DEFIANCE = "a stopped node commanded motion without a zero before"
 
 
@@ -48,7 +50,7 @@ class Intervention:
     """A time in which the guard sent stop frames.
 
     Attributes:
-        last_command_ns: When the node's last frame before that was received, monotonic; None where none was.
+        last_alive_ns: When the node's last heartbeat before that was received, monotonic; None where none was.
         first_ns: When the first stop frame was sent, monotonic.
         last_ns: When the last one was.
         frames: How many were sent.
@@ -56,7 +58,7 @@ class Intervention:
     """
 
     cause: Cause
-    last_command_ns: int | None
+    last_alive_ns: int | None
     first_ns: int
     last_ns: int
     frames: int = 0
@@ -68,17 +70,15 @@ class _Drive:
     """What is known of a drive.
 
     Attributes:
-        alive_ns: When the node last commanded it, or sent a heartbeat.
-        moved_ns: When the node last wanted it to move.
-        rested_ns: When the node last sent it a zero or switched it off.
+        moved_ns: When it was last commanded to move, or the node last wanted it to.
+        rested_ns: When it was last sent a zero, or switched off.
         off_ns: When it last reported that it is off; None where it was commanded to move since.
-        wants: Whether the node's last command was to move.
+        wants: Whether its last command was to move, or the node wants it to.
         is_on: Whether its last report was that it is on.
-        is_barred: Whether it was stopped, and the node has not sent a zero since.
-        is_defied: Whether the node wants it to move nevertheless.
+        is_barred: Whether it was stopped, and has not been sent a zero since.
+        is_defied: Whether it was commanded to move nevertheless.
     """
 
-    alive_ns: int | None = None
     moved_ns: int = 0
     rested_ns: int = 0
     off_ns: int | None = None
@@ -87,13 +87,8 @@ class _Drive:
     is_barred: bool = False
     is_defied: bool = False
 
-    def live(self, at_ns: int) -> int:
-        """The node lives; returns for how long the drive, if it may follow, had received nothing, ns."""
-        before_ns, self.alive_ns = self.alive_ns, at_ns
-        return at_ns - before_ns if before_ns is not None and (self.wants or self.is_on) else 0
-
     def move(self, at_ns: int) -> None:
-        """The node wants it to move."""
+        """It is to move."""
         self.wants, self.moved_ns, self.off_ns = True, at_ns, None
 
     def report_off(self, at_ns: int) -> None:
@@ -107,17 +102,21 @@ class Watch:
     """Watches the drives of a robot and decides which frames to send; none while all is well.
 
     Attributes:
-        commands: Of the node, that were received; likewise `heartbeats`.
-        longest_gap_ns: Longest time between two signs of life while a drive followed.
+        commands: To the drives, that were received; likewise `heartbeats`, of the node.
+        strange: Commands to move while the node wanted none, or did not live.
+        longest_gap_ns: Longest time between two heartbeats while a drive followed.
+        present: The intervention that lasts; None where none does.
         interventions: The newest ones.
         intervened: How many there were.
     """
 
     def __init__(self, stopper: Stopper, now_ns: int, limit_ns: int = LIMIT_NS) -> None:
-        """Watch from now on; commands silent for longer than `limit_ns` have stopped."""
+        """Watch from now on; heartbeats silent for longer than `limit_ns` have stopped."""
         self.commands = 0
         self.heartbeats = 0
+        self.strange = 0
         self.longest_gap_ns = 0
+        self.present: Intervention | None = None
         self.interventions: deque[Intervention] = deque(maxlen=KEPT)
         self.intervened = 0
         self._stopper = stopper
@@ -125,16 +124,12 @@ class Watch:
         self._drives = {name: _Drive() for name in stopper.drives}
         self._watching_ns = now_ns
         self._stepped_ns = now_ns
-        self._present: Intervention | None = None
-        self._echoes: Counter[Frame] = Counter()
-        self._echoes_until_ns = now_ns
+        self._alive_ns: int | None = None
+        self._wanted_on_ns = now_ns
+        self._strange_ns: int | None = None
 
     def take_frame(self, frame: Frame) -> None:
-        """Take a frame from the bus; our own come back too, and are skipped."""
-        sent = replace(frame, received_ns=0)
-        if self._echoes[sent] > 0:
-            self._echoes[sent] -= 1
-            return
+        """Take a frame of somebody else from the bus."""
         observed = self._stopper.read(frame)
         if observed is None:
             return
@@ -150,8 +145,12 @@ class Watch:
     def beat(self, now_ns: int, *, is_on: bool) -> None:
         """Take a heartbeat of the node, with whether it wants the motors on."""
         self.heartbeats += 1
-        for drive in self._drives.values():
-            self._note_life(drive, now_ns)
+        drives, before_ns, self._alive_ns = self._drives.values(), self._alive_ns, now_ns
+        if before_ns is not None and any(drive.wants or drive.is_on for drive in drives):
+            self.longest_gap_ns = max(self.longest_gap_ns, now_ns - before_ns)
+        if is_on:
+            self._wanted_on_ns = now_ns
+        for drive in drives:
             if is_on:
                 drive.move(now_ns)
             else:
@@ -164,7 +163,7 @@ class Watch:
     def step(self, now_ns: int) -> Sequence[Frame]:
         """What to send now."""
         self._look_at_self(now_ns)
-        present = self._present
+        present = self.present
         if present is None:
             cause = self._cause(now_ns)
             if cause is None:
@@ -177,10 +176,14 @@ class Watch:
 
     def _obey(self, drive: _Drive, meaning: Meaning, at_ns: int) -> None:
         self.commands += 1
-        self._note_life(drive, at_ns)
         if meaning is Meaning.MOVE:
             drive.move(at_ns)
-            drive.is_defied = drive.is_barred
+            # Nobody but a node that lives and wants the motors on, now or a moment ago, commands motion.
+            is_strange = at_ns - max(self._wanted_on_ns, self._watching_ns) > self._limit_ns
+            if is_strange:
+                self.strange += 1
+                self._strange_ns = at_ns
+            drive.is_defied = drive.is_defied or drive.is_barred or is_strange
             return
         drive.wants = drive.is_barred = drive.is_defied = False
         drive.rested_ns = at_ns
@@ -188,30 +191,27 @@ class Watch:
             # Its last report is out of date; should it not obey, its next one shows it.
             drive.is_on = False
 
-    def _note_life(self, drive: _Drive, at_ns: int) -> None:
-        self.longest_gap_ns = max(self.longest_gap_ns, drive.live(at_ns))
-
     def _look_at_self(self, now_ns: int) -> None:
         """A guard that was preempted itself listens for half the limit before it judges."""
         if now_ns - self._stepped_ns > self._limit_ns // 2:
             self._watching_ns = now_ns - self._limit_ns // 2
         self._stepped_ns = now_ns
-        if now_ns > self._echoes_until_ns:
-            self._echoes.clear()
 
     def _cause(self, now_ns: int) -> Cause | None:
         drives = self._drives.values()
         if any(drive.is_defied for drive in drives):
-            return Cause.DEFIANCE
-        for drive in drives:
-            since_ns = self._watching_ns if drive.alive_ns is None else max(drive.alive_ns, self._watching_ns)
-            if (drive.wants or drive.is_on) and now_ns - since_ns > self._limit_ns:
-                return Cause.SILENCE
+            return Cause.STRANGER if self._is_strange(now_ns) else Cause.DEFIANCE
+        since_ns = self._watching_ns if self._alive_ns is None else max(self._alive_ns, self._watching_ns)
+        if now_ns - since_ns > self._limit_ns and any(drive.wants or drive.is_on for drive in drives):
+            return Cause.SILENCE
         return None
 
+    def _is_strange(self, now_ns: int) -> bool:
+        """Whether a strange command came lately."""
+        return self._strange_ns is not None and now_ns - self._strange_ns <= STRANGE_NS
+
     def _begin(self, cause: Cause, now_ns: int) -> Intervention:
-        alive = [drive.alive_ns for drive in self._drives.values() if drive.alive_ns is not None]
-        self._present = present = Intervention(cause, max(alive, default=None), now_ns, now_ns - AGAIN_NS)
+        self.present = present = Intervention(cause, self._alive_ns, now_ns, now_ns - AGAIN_NS)
         self.interventions.append(present)
         self.intervened += 1
         for drive in self._drives.values():
@@ -222,20 +222,22 @@ class Watch:
 
     def _end_of(self, present: Intervention, now_ns: int) -> End | None:
         drives, first_ns = self._drives.values(), present.first_ns
+        if self._is_strange(now_ns):  # it goes on: else each of its commands would be an intervention of its own
+            return None
         if self._stopper.reports:
             if all(drive.off_ns is not None and drive.off_ns >= first_ns for drive in drives):
                 return End.OFF
             is_back = all(drive.rested_ns >= first_ns for drive in drives)
         else:
-            is_back = all(drive.alive_ns is not None and drive.alive_ns >= first_ns for drive in drives)
+            is_back = self._alive_ns is not None and self._alive_ns >= first_ns
         if is_back:
             return End.NODE
-        return End.TIME if now_ns - first_ns >= GIVE_UP_NS else None
+        return End.TIME if now_ns - max(first_ns, self._strange_ns or 0) >= GIVE_UP_NS else None
 
     def _end(self, present: Intervention, end: End) -> None:
         """Discard what was known of the drives: one that is still on reports so again."""
         present.end = end
-        self._present = None
+        self.present = None
         for drive in self._drives.values():
             drive.wants = drive.is_on = False
 
@@ -248,6 +250,4 @@ class Watch:
         frames = self._stopper.stop()
         present.frames += len(frames)
         present.last_ns = now_ns
-        self._echoes.update(frames)
-        self._echoes_until_ns = now_ns + ECHO_NS
         return frames

@@ -62,9 +62,8 @@ def socketcan_interfaces(devices: Path | None = None) -> list[str]:
 def resolve(interface: str, channel: str) -> tuple[str, str]:
     """Choose the python-can interface and channel that a configuration means.
 
-    Args:
-        interface: A python-can interface, or `auto`: SocketCAN where the channel exists, else the virtual bus.
-        channel: The channel, or `auto`: the first SocketCAN interface, else `robot`.
+    The interface `auto` is SocketCAN where the channel exists, else the virtual bus; the channel `auto`, the first
+    SocketCAN interface, else `robot`.
     """
     present = socketcan_interfaces()
     if interface not in ("auto", "socketcan"):

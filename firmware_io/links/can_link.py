@@ -36,8 +36,6 @@ _TOGETHER_NS: Final = 100_000
 """Two clocks that are read within this time give their offset."""
 _READINGS: Final = 3
 """Tries at that; the last one counts in any case."""
-_MAX_IDENTIFIERS: Final = 4096
-"""Of our own that are kept, to know them again; a robot has some tens."""
 
 
 class PortError(Exception):
@@ -96,12 +94,7 @@ def wire_parts(frame: Frame) -> tuple[int, int, bytes]:
 
 
 class CanBus(NamedTuple):
-    """Which bus a CAN link is on.
-
-    Attributes:
-        bitrate: In bit/s.
-        kernel_name: The network interface, for what the kernel knows of it; None where the bus is not one.
-    """
+    """Which bus a CAN link is on; the kernel's name is that of the network interface, None where the bus is not one."""
 
     description: str
     bitrate: int
@@ -120,7 +113,8 @@ class CanLink:
     A frame's `received_ns` is its own receive stamp moved to the loop's clock, kept between the last drain and now, so
     that neither a step of the wall clock nor a backend with a clock of its own can make a frame look fresh or old.
 
-    On a CAN bus each identifier has one sender: what comes with one that we send is our own frame come back.
+    A frame that this port sent does not come back: the kernel and the virtual bus keep it from the socket that sent it,
+    and python-can marks it. So whatever comes was sent by somebody else, also with an identifier that we send too.
 
     Attributes:
         description: The interface in use, and what was asked for where that was left open.
@@ -142,7 +136,6 @@ class CanLink:
         self._failures = 0
         self._drained_ns = 0
         self._errors = BusErrors()
-        self._own: set[int] = set()
         self._interface = InterfaceWatch(settings.kernel_name)
         self._meter = Meter(self.counters, now_ns)
         self._recovery = Recovery(
@@ -203,12 +196,12 @@ class CanLink:
             port = opened.port
         frames: list[Frame] = []
         now_ns, offset_ns = self._read_clocks()
-        since_ns, own = self._drained_ns, self._own
+        since_ns = self._drained_ns
         try:
             for word, data, stamp_ns in port.drain():
                 is_extended = word >= EXTENDED
                 identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
-                if word & (ERROR | REMOTE) or identifier | word & EXTENDED in own:
+                if word & (ERROR | REMOTE):
                     self._take_other(word, identifier, data, now_ns, frames)
                     continue
                 received_ns = stamp_ns + offset_ns
@@ -250,30 +243,22 @@ class CanLink:
         return now_ns, now_ns - wall_ns
 
     def _take_other(self, word: int, identifier: int, data: bytes, now_ns: int, frames: list[Frame]) -> None:
-        """What came and is no data frame of somebody else."""
+        """What came and is no data frame."""
         # Error frames first: their identifier is a bit field that can equal a data frame's.
         if word & ERROR:
             self.counters.error_frames += 1
             self._errors.take_frame(word & EXTENDED_IDENTIFIER, data)
-        elif word & REMOTE:
-            asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
-            self.counters.remote_frames += 1
-            self.counters.bits += worst_case_bits(0, is_extended=asked.is_extended)
-            if self.receives_remote:
-                frames.append(asked)
-        else:
-            self.counters.echoes += 1
+            return
+        asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
+        self.counters.remote_frames += 1
+        self.counters.bits += worst_case_bits(0, is_extended=asked.is_extended)
+        if self.receives_remote:
+            frames.append(asked)
 
     def _count_sent(self, frame: Frame) -> None:
         self.counters.sent += 1
-        is_extended = frame.is_extended
-        if frame.is_remote:
-            self.counters.bits += worst_case_bits(0, is_extended=is_extended)
-            return
-        self.counters.bits += worst_case_bits(len(frame.data), is_extended=is_extended)
-        key = frame.arbitration_id | (EXTENDED if is_extended else 0)
-        if key not in self._own and len(self._own) < _MAX_IDENTIFIERS:
-            self._own.add(key)
+        length = 0 if frame.is_remote else len(frame.data)
+        self.counters.bits += worst_case_bits(length, is_extended=frame.is_extended)
 
     def _open(self) -> _Opened:
         """Open a port; takes its time, and touches nothing that the loop uses."""

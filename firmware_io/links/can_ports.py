@@ -285,6 +285,8 @@ class PythonCanPort:
         self._counters = counters
         self._message = can.Message
         self._understands_errors = interface in _KERNEL_ERROR_FRAMES
+        # Of SocketCAN, python-can marks what any program of this machine sent; our own does not come back there.
+        self._marks_own = interface != "socketcan"
         options = _OPTIONS.get(interface, {})
         try:
             self._bus = can.Bus(channel=channel, interface=interface, bitrate=bitrate, **options)
@@ -317,7 +319,9 @@ class PythonCanPort:
                 raise _port_error(error) from error
             if message is None:
                 return
-            if arrival is None:
+            if self._marks_own and not message.is_rx:
+                self._counters.echoes += 1
+            elif arrival is None:
                 self._counters.undecodable += 1
             else:
                 yield arrival

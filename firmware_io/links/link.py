@@ -153,7 +153,7 @@ class Link(LinkStatus, Protocol):
         """Queue a frame; False where it was dropped, which is counted."""
 
     def receive(self) -> list[Frame]:
-        """Take every data frame that has arrived, oldest first; anything else is counted.
+        """Take every data frame of others that has arrived, oldest first; anything else is counted.
 
         Raises:
             LinkLostError: The bus is gone, and is not back yet.

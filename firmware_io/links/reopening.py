@@ -58,9 +58,8 @@ class BackgroundTask(Generic[T]):
 class Recovery(Generic[T]):
     """What a link does when its port is lost: it keeps why, closes it off the loop, and opens it again.
 
-    Attributes:
-        reason: Why the port was lost; empty while none is.
-        failure: Why the last attempt to open it again failed; empty before one has, and when one has not.
+    The reason is why the port was lost, empty while none is; the failure, why the last attempt to open it again failed,
+    empty before one has, and when one has not.
     """
 
     def __init__(

@@ -113,12 +113,7 @@ def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
 
 @dataclass(frozen=True, slots=True)
 class SustainedRates:
-    """How a program did at the rates that it was tried at.
-
-    Attributes:
-        tried: Its cycles at each rate, Hz.
-        faults: Why it gave up, at the rates at which it did.
-    """
+    """How a program did at the rates, Hz, that it was tried at: its cycles at each, and why it gave up where it did."""
 
     tried: dict[float, Cycles]
     faults: dict[float, str]

@@ -8,6 +8,7 @@ beside it is what publishing costs, and not what receiving does.
 import contextlib
 import enum
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -18,9 +19,9 @@ from typing import Any, Final
 
 import msgspec
 
-from segway_ecc.firmware_io.heartbeat import HeartbeatListener, address_of
+from segway_ecc.firmware_io.heartbeat import address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.hil.bench.rig import BenchPrograms, Bus, Conditions
+from segway_ecc.hil.bench.rig import PLANT_PRIORITY, BenchPrograms, Bus, Conditions
 from segway_ecc.hil.bench.samples import Samples, read_samples
 from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
 from segway_ecc.hil.processes import last_lines, module_words, program
@@ -43,6 +44,8 @@ _SETTLE_S: Final = 0.5
 """From the first cycle to where the CPU time of the process begins to count."""
 _BEFORE_END_S: Final = 0.2
 _SHORTEST_S: Final = 0.1
+_POLL_S: Final = 0.01
+_ANY_BYTES: Final = 64
 
 
 @enum.unique
@@ -101,14 +104,12 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
     samples, messages = place.folder / f"{who}.samples", place.folder / f"{who}.txt"
     samples.unlink(missing_ok=True)
     words, environment = _words(who, place, samples, duration_s), {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    listener = HeartbeatListener(CanSettings(interface=place.bus.interface, channel=place.bus.channel))
-    with contextlib.closing(listener):
-        listener.open()
+    with contextlib.closing(_heartbeats(place)) as heartbeats:
         began_s = time.monotonic()
         with program(words, messages, environment) as started:
             process = started.process
-            start_s = None if who is Contestant.BARE else _first_heartbeat(listener, process, _START_S) - began_s
-            listener.close()  # a sender then finds nobody, as where no guard runs
+            start_s = None if who is Contestant.BARE else _first_heartbeat(heartbeats, process) - began_s
+            heartbeats.close()  # a sender then finds nobody, as where no guard runs
             time.sleep(_SETTLE_S)
             pids = tree(process.pid)
             from_s, used_s = time.monotonic(), cpu_s(pids)
@@ -139,7 +140,8 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
     """
     bus, rig = place.bus, place.rig
     seen: dict[str, int] = {}
-    where = [bus.interface, bus.place(bus.plant_channel), str(rig.period_ns), str(place.conditions.plant_priority)]
+    priority = PLANT_PRIORITY if place.conditions.priority else 0
+    where = [bus.interface, bus.place(bus.plant_channel), str(rig.period_ns), str(priority)]
     with program([str(rig.board), *where], place.folder / "board.txt", listens=True) as started:
         process = started.process
         if process.stdout is None or process.stdout.readline() != b"ready\n":
@@ -149,13 +151,21 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
         seen.update(msgspec.json.decode(output, type=dict[str, int]))
 
 
-def _first_heartbeat(listener: HeartbeatListener, process: subprocess.Popen[bytes], timeout_s: float) -> float:
+def _heartbeats(place: BenchSite) -> socket.socket:
+    """The guard's socket; who sends there for the first time has no key of the guard yet, so all send alike."""
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    made.bind(f"\0{place.guard}")
+    made.settimeout(_POLL_S)
+    return made
+
+
+def _first_heartbeat(heartbeats: socket.socket, process: subprocess.Popen[bytes]) -> float:
     """When the first heartbeat came, with which a program begins to command the motors; monotonic, s."""
-    deadline_s = time.monotonic() + timeout_s
-    while (
-        time.monotonic() < deadline_s and process.poll() is None and not any(True for _ in listener.take_heartbeats())
-    ):
-        time.sleep(0.001)
+    deadline_s = time.monotonic() + _START_S
+    while time.monotonic() < deadline_s and process.poll() is None:
+        with contextlib.suppress(TimeoutError):
+            heartbeats.recv(_ANY_BYTES)
+            break
     return time.monotonic()
 
 

@@ -24,11 +24,7 @@ _TAKEN: Final = 3
 
 
 class SamplingClock(RealClock):
-    """The machine's clock, which keeps a sample each time it has slept.
-
-    Attributes:
-        samples: All of them, one after the other, the first columns of `COLUMNS` each.
-    """
+    """The machine's clock, which keeps a sample each time it has slept, of the first columns of `COLUMNS`."""
 
     samples: "ClassVar[array.array[int]]" = array.array("q")
 

@@ -40,12 +40,9 @@ _C: Final = ("-O2", "-std=gnu11", "-Wall")
 
 @dataclass(frozen=True, slots=True)
 class Bus:
-    """Where the programs and the plant meet.
+    """Where the programs and the plant meet, by `socketcan` or `local`.
 
-    Attributes:
-        interface: `socketcan` or `local`.
-        channel: The programs' channel.
-        plant_channel: The plant's; on real controllers another one than the programs'.
+    The channel is the programs'; on real controllers the plant has another one.
     """
 
     interface: str
@@ -61,10 +58,8 @@ class Bus:
 class BenchPrograms:
     """What is needed to run every program at one rate.
 
-    Attributes:
-        library: The model as a shared object with 20-sim's own interface.
-        loop: The minimal loop in C, the model in it.
-        board: The plant.
+    The library is the model as a shared object with 20-sim's own interface, the loop the minimal one in C, the model in
+    it, and the board the plant.
     """
 
     robot: Path
@@ -72,11 +67,6 @@ class BenchPrograms:
     loop: Path
     board: Path
     period_ns: int
-
-
-def missing() -> str | None:
-    """What the comparison lacks here, with the remedy; None where it lacks nothing."""
-    return None if shutil.which("cc") else "no C compiler here (sudo apt-get install gcc)"
 
 
 def copy_controller(folder: Path) -> None:
@@ -124,13 +114,10 @@ def virtual_interface() -> str | None:
 
 
 def choose_bus(channel: str | None, plant_channel: str | None) -> Bus:
-    """The bus of the comparison.
+    """The bus of the comparison: a CAN interface of the kernel; unnamed, a virtual one that is up, else a local bus.
 
-    A real interface is used only where it is named: what is sent there would reach motors.
-
-    Args:
-        channel: A CAN interface of the kernel; None for a virtual one that is up, and else for a local bus.
-        plant_channel: The plant's, where that is another controller on the same bus.
+    A real interface is used only where it is named: what is sent there would reach motors. The plant's channel is named
+    where that is another controller on the same bus.
     """
     if channel is not None:
         return Bus("socketcan", channel, plant_channel or channel)
@@ -166,11 +153,6 @@ class Conditions:
     kernel: str
     is_compiled: bool = False
     is_subscribed: bool = False
-
-    @property
-    def plant_priority(self) -> int:
-        """Of SCHED_FIFO, for the plant."""
-        return PLANT_PRIORITY if self.priority else 0
 
     def as_text(self) -> str:
         """One line."""

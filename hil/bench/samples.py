@@ -85,12 +85,7 @@ def spread(durations_ns: npt.NDArray[np.int64]) -> Spread:
 
 
 def cycles_of(runs: list[Samples], period_ns: int, warm_up: int) -> Cycles:
-    """What one or more runs of a program come to.
-
-    Args:
-        runs: The samples of each.
-        period_ns: The period at which they ran, ns.
-        warm_up: Cycles at the beginning of each run that are left out.
+    """What the samples of one or more runs of a program come to, but for the first cycles of each, its warm-up.
 
     Raises:
         ValueError: A run has no two cycles after its warm-up.

@@ -155,11 +155,8 @@ def step_cost(model: NativeModel) -> dict[str, float]:
 def links_cost() -> dict[str, float] | None:
     """Time a cycle of four frames in and two out through python-can and through a raw socket, in turns.
 
-    Only on a virtual interface: what is sent here would reach the motors of a real one.
-
-    Returns:
-        The median of each, us, and how many times the raw socket is faster; None where there is no virtual interface
-        that is up.
+    Only on a virtual interface: what is sent here would reach the motors of a real one. Returns the median of each, us,
+    and how many times the raw socket is faster; None where there is no virtual interface that is up.
     """
     channel = virtual_interface()
     if channel is None:

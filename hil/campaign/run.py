@@ -5,42 +5,56 @@ And a campaign: every scenario with each of its seeds and sets of parameters, si
 page.
 """
 
+import dataclasses
 import functools
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import msgspec
 
 from segway_ecc.firmware_io.build import make_link, serial_of, takes_serial, with_port
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
 from segway_ecc.firmware_io.errors import HardwareError
+from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
-from segway_ecc.hil.campaign.result import HEAD, ScenarioResult, cells, judged, verdict
-from segway_ecc.hil.campaign.scenario import MODEL, PLANT, Scenario, ScenarioRun
+from segway_ecc.hil.campaign.scenario import (
+    HEAD,
+    MODEL,
+    PLANT,
+    Scenario,
+    ScenarioResult,
+    ScenarioRun,
+    cells,
+    judged,
+    verdict,
+)
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
 from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
 from segway_ecc.hil.faults.fault import Fault, Injection, Injections, active
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
+from segway_ecc.hil.faults.models import AmissValues, SlowModel, misbehaves, misbehaving
 from segway_ecc.hil.faults.plant import DisturbedPlant
+from segway_ecc.hil.faults.stranger import Stranger
 from segway_ecc.hil.page import page, pairs, section, table
-from segway_ecc.hil.parallel import quiet, results_of
+from segway_ecc.hil.processes import quiet, results_of
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
-from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Report, Request, StampedSetpoint, VariableWrite
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.errors import ConfigurationError, NodeError
+from segway_ecc.node.model.model import Model
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 
 REPLAY: Final = "replay: "
@@ -55,6 +69,8 @@ _INTRODUCTION: Final = (
 _ARMED_WITHIN_S: Final = 5.0
 _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "faults", Mode.DISARMED: "disarmed"}
 _IMU_MESSAGES: Final = (Message.GROUP_COUNTER, Message.SAMPLE_TIME, Message.RATE_OF_TURN, Message.ACCELERATION)
+_ASKS: Final = {"off": (Action.STOP,), "wrong": (Action.DISARM,), "stuck": (Action.CLEAR_FAULT, Action.ARM)}
+"""What an operator asks, by the type of the fault."""
 _NOT_NUMBERS: Final = (Setpoint(math.nan, math.nan), Setpoint(math.inf, -math.inf))
 
 
@@ -72,11 +88,7 @@ class _Settings(msgspec.Struct, frozen=True, kw_only=True):
 
 @quiet("segway_ecc.node")
 def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
-    """Run a scenario once, without the node's messages, and judge it.
-
-    Args:
-        run: What to run.
-        log: Where to write the robot's log (MCAP); None for none.
+    """Run a scenario once, without the node's messages, and judge it; with `log`, write the robot's log there (MCAP).
 
     Raises:
         ConfigurationError: The robot or the parameters do not fit.
@@ -95,8 +107,10 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
     bench = _ScenarioBench(settings)
     bench.run()
     fault_ns = bench.injections.first_ns or 0
-    after = [change for change in bench.node.changes if change.at_ns >= fault_ns] if scenario.faults else []
+    changes = bench.node.changes[1:]  # the first is to be armed
+    after = [change for change in changes if change.at_ns >= fault_ns] if scenario.faults else []
     reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
+    reasons += [*bench.commander.refusals, bench.error or bench.arming_refusal or ""]
     drive = bench.drive
     result = ScenarioResult(
         source=run.source,
@@ -105,14 +119,16 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
         seed=run.seed,
         parameters=dict(settings.parameters),
         outcome=bench.outcome(fault_ns),
-        reason="; ".join([*reasons, *([bench.error] if bench.error else [])]),
+        reason="; ".join(filter(None, reasons)),
         detection_s=(after[0].at_ns - fault_ns) * 1e-9 if after else None,
         safe_s=None if drive.is_pushing else max(drive.last_push_ns - fault_ns, 0) * 1e-9,
         max_tilt_rad=drive.max_tilt,
+        has_fallen=drive.has_fallen,
         max_distance_m=apart(drive.way, _undisturbed(msgspec.structs.replace(settings, faults=(), seed=0, log=None))),
         switches=tuple(change.reason for change in bench.node.changes if change.mode is None),
         simulated_s=bench.rig.now_ns() * 1e-9,
         digest=drive.digest,
+        posture=bench.posture,
     )
     return judged(result, scenario.expect)
 
@@ -126,12 +142,7 @@ def _undisturbed(settings: _Settings) -> list[Place]:
 
 
 def runs_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = None) -> list[ScenarioRun]:
-    """Every run of some scenarios.
-
-    Args:
-        scenarios: Each with its source.
-        seeds: How many seeds to run of each, from 0 on; None for the scenarios' own.
-    """
+    """Every run of some scenarios, each with its source; `seeds` of each, from 0 on, or the scenarios' own."""
     return [
         ScenarioRun(source, scenario, robot, seed, parameters)
         for source, scenario in scenarios
@@ -146,11 +157,8 @@ def run_campaign(
 ) -> list[ScenarioResult]:
     """Run scenarios; the results are in their order, and bit-identical whatever `jobs` is.
 
-    Args:
-        runs: What to run.
-        jobs: How many processes run at a time; 1 for this one alone.
-        on_progress: Called after each run.
-        replayed: Whether each run is also recorded and replayed, and has to be identical.
+    So many processes run at a time, 1 for this one alone, and `on_progress` is called after each run. With `replayed`
+    each run is also recorded and replayed, and has to be identical.
 
     Raises:
         ConfigurationError: A robot or a parameter does not fit.
@@ -204,17 +212,23 @@ def _table(results: Sequence[ScenarioResult]) -> str:
 class Commander(NoStage):
     """The base station: it sends the set-points of a manoeuvre, unstamped, over a link that may fail; see `Stage`.
 
-    It begins when the robot is armed, and ends with the manoeuvre.
+    It begins when the robot is armed, and ends with the manoeuvre. `refusals` has why what was asked was refused, each
+    reason once.
     """
 
-    def __init__(self, manoeuvre: Manoeuvre, injections: Injections) -> None:
-        """Play a manoeuvre on the timeline of the faults."""
+    def __init__(self, manoeuvre: Manoeuvre, injections: Injections, set_names: Sequence[str] = ()) -> None:
+        """Play a manoeuvre on the timeline of the faults, to a robot with values of these names to be set."""
+        self._amiss = AmissValues(injections, set_names)
         self._timeline = injections.timeline
         self._injections = injections.of("command_link")
         self._duration_ns = manoeuvre.duration_ns
         self._pending = list(schedule(manoeuvre))
         self._last = REST
         self._on_the_way: list[tuple[int, Setpoint]] = []
+        self._asks = injections.of("operator")
+        self._writes = injections.of("parameter")
+        self._is_lost = injections.of("ros")
+        self.refusals: dict[str, None] = {}
 
     def publish(self, _report: Report) -> None:
         """Check whether the manoeuvre is over."""
@@ -223,7 +237,7 @@ class Commander(NoStage):
 
     def take_inbox(self) -> Inbox:
         """The set-points that arrive now."""
-        inbox, elapsed_ns = Inbox(), self._timeline.elapsed_ns
+        inbox, elapsed_ns = Inbox(values=self._amiss.take()), self._timeline.elapsed_ns
         faults = active(self._injections)
         while self._pending and self._pending[0].offset_ns <= elapsed_ns:
             sent = self._pending.pop(0)
@@ -231,8 +245,23 @@ class Commander(NoStage):
             self._on_the_way.append((elapsed_ns + round(delay_s * 1e9), sent.setpoint))
         arrived = [setpoint for due_ns, setpoint in self._on_the_way if due_ns <= elapsed_ns]
         self._on_the_way = [entry for entry in self._on_the_way if entry[0] > elapsed_ns]
+        if active(self._is_lost):
+            return inbox
         inbox.setpoints += [StampedSetpoint(setpoint, None) for setpoint in self._disturbed(arrived, faults)]
+        for injection in active(self._asks):
+            inbox.requests += [Request(action, self._note) for action in _ASKS[injection.fault.type]]
+        for injection in active(self._writes):
+            name = injection.fault.name or ""
+            inbox.writes.append(VariableWrite([(name, injection.size)], self._note_refusal))
         return inbox
+
+    def _note(self, answer: Answer) -> None:
+        if not answer.accepted:
+            self._note_refusal(answer.message)
+
+    def _note_refusal(self, reason: str) -> None:
+        if reason:
+            self.refusals[reason] = None
 
     def _disturbed(self, arrived: Sequence[Setpoint], faults: Sequence[Injection]) -> Iterator[Setpoint]:
         by_type = {injection.fault.type: injection for injection in faults}
@@ -256,6 +285,7 @@ class _ScenarioBench:
 
     def __init__(self, settings: _Settings) -> None:
         self.error: str | None = None
+        self.arming_refusal: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
         self.rig = rig = LockstepRig(hardware_of(file).can.bitrate)
@@ -273,7 +303,12 @@ class _ScenarioBench:
                 simulated.plant.write(name.removeprefix(PLANT), value)
         simulated.plant = DisturbedPlant(simulated.plant, injections)
         link = self._bus if wires is None else make_link(hardware, rig, self._bus, wires.host.open)
-        self._robot = build_robot(file, clock, link)
+        robot = build_robot(file, clock, link)
+        if any(injection.fault.type == "slow" for injection in injections.of("model")):
+            # A model but for what mypy does not see: it passes all else on to the one behind it.
+            model = cast("Model", SlowModel(robot.model, injections, clock.spend))
+            robot = dataclasses.replace(robot, model=model)
+        self._robot = robot
         self.drive = DriveWatch(simulated, injections)
         line = None if wires is None else DisturbedLine(wires, injections, simulated.tick_ns)
 
@@ -283,30 +318,48 @@ class _ScenarioBench:
                 line.act()
 
         rig.attach(simulated, observe)
+        if injections.of("stranger"):
+            stranger = Stranger(rig.bus.attach("stranger"), stopper_of(hardware), injections, rig.now_ns)
+            plant_end.on_send = stranger.overhear
+            rig.add(stranger)
 
     def run(self) -> None:
         """Run it."""
         manoeuvre, log, robot, injections = self._settings.manoeuvre, self._settings.log, self._robot, self.injections
         recorder = NoRecorder() if log is None else CycleLog(log, layout_of(robot), provenance_of(self._file))
         self.node = NodeWatch(injections, robot.hardware, FailingRecorder(recorder, injections, self._clock))
-        loop = robot.loop(Commander(manoeuvre, injections), self.node)
+        self.commander = Commander(manoeuvre, injections, robot.wiring.set_names)
+        loop = robot.loop(self.commander, self.node)
         self.node.modes = loop.modes
         most_s = _ARMED_WITHIN_S + manoeuvre.duration_ns * 1e-9
         try:
             loop.run(round(most_s * 1e9 / robot.period_ns))
         except ProcessKilledError:
-            # The devices run to the end of the manoeuvre without the node.
-            rest_ns = manoeuvre.duration_ns - injections.timeline.elapsed_ns
-            self.rig.sleep_until_ns(self.rig.now_ns() + rest_ns)
+            self._run_on()
         except (NodeError, HardwareError) as raised:
             self.error = str(raised)
+            self._run_on()
+        if injections.timeline.started_ns is None:
+            self.arming_refusal = loop.arming_refusal
+
+    @property
+    def posture(self) -> str:
+        """What the node has the robot doing at the end; empty where it is dead, or has none."""
+        return "" if self._bus.is_dead else self.node.posture
+
+    def _run_on(self) -> None:
+        """Let the devices run to the end of the manoeuvre without the node."""
+        timeline = self.injections.timeline
+        if timeline.started_ns is not None:
+            rest_ns = self._settings.manoeuvre.duration_ns - timeline.elapsed_ns
+            self.rig.sleep_until_ns(self.rig.now_ns() + rest_ns)
 
     def outcome(self, fault_ns: int) -> str:
         """See `ScenarioResult.outcome`."""
         if self.injections.timeline.started_ns is None:
             return "never armed"
         if self.error is not None:
-            return "stopped"
+            return "unsafe" if self.drive.is_pushing else "stopped"
         worst = Mode.FAULT if self._bus.is_dead else self.node.worst_since(fault_ns)
         return "unsafe" if worst is Mode.FAULT and self.drive.is_pushing else _OUTCOMES[worst]
 
@@ -317,12 +370,17 @@ class _ScenarioBench:
             self._wires.host.unplug()
 
 
+_robot = functools.lru_cache(maxsize=32)(load_robot)
+
+
 def _robot_file(settings: _Settings) -> RobotFile:
     """The robot's file with the model's parameters, a serial line where wanted, and armed at the start."""
-    file = load_robot(settings.robot)
+    file = _robot(settings.robot)
     ours = {name.removeprefix(MODEL): value for name, value in settings.parameters if name.startswith(MODEL)}
     model = msgspec.structs.replace(file.model, parameters={**file.model.parameters, **ours})
     file = msgspec.structs.replace(file, model=model, arming="at_start")
+    if any(misbehaves(fault) for fault in settings.faults):
+        file = misbehaving(file)
     if not settings.fallback:
         return file
     hardware = file.hardware

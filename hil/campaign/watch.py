@@ -21,17 +21,14 @@ from segway_ecc.node.safety.modes import Mode, Modes
 Place = tuple[float, float]
 _NOTHING = 1e-3
 """What is less, V or N m, is nothing: the current loop of a drive that is off only comes near zero."""
+_LIES_RAD = 0.45
+"""A body that leans as far lies on its bumper, which is at 0.5 rad, or is about to."""
+_STANDS_RAD = 0.3
 _SEVERITY = (Mode.ARMED, Mode.HOLD, Mode.DISARMED, Mode.FAULT)
 
 
 class Change(NamedTuple):
-    """Something that the robot noticed.
-
-    Attributes:
-        at_ns: When, ns after it was armed.
-        mode: The mode that was entered; None where the lines changed.
-        reason: Why.
-    """
+    """What the robot noticed: when, ns after it was armed; the mode it entered, None where lines changed; and why."""
 
     at_ns: int
     mode: Mode | None
@@ -41,9 +38,8 @@ class Change(NamedTuple):
 class DriveWatch:
     """Watches the simulated robot, tick by tick, from when it is armed on.
 
-    Attributes:
-        last_push_ns: When a drive gave anything last, ns after it was armed.
-        max_tilt: Largest tilt either way, rad; None where the plant has none.
+    `last_push_ns` is when a drive gave anything last, ns after it was armed; `max_tilt` the largest tilt either way,
+    rad, None where the plant has none; `has_fallen` whether it has lain since it stood.
     """
 
     def __init__(self, robot: SimulatedRobot, injections: Injections) -> None:
@@ -54,7 +50,7 @@ class DriveWatch:
         """
         self.way: list[Place] = []
         self.last_push_ns = -1
-        self.is_pushing = False
+        self.is_pushing = self.has_fallen = self._has_stood = False
         names = robot.output_names
         self._truth = [place for place, name in enumerate(names) if name.startswith("truth.")]
         lacking = [name for name in ("truth.x", "truth.y") if name not in names]
@@ -80,7 +76,10 @@ class DriveWatch:
         if self.is_pushing:
             self.last_push_ns = elapsed_ns
         if self._pitch is not None:
-            self.max_tilt = max(self.max_tilt or 0.0, abs(outputs[self._pitch]))
+            tilt = abs(outputs[self._pitch])
+            self.max_tilt = max(self.max_tilt or 0.0, tilt)
+            self._has_stood = self._has_stood or tilt < _STANDS_RAD
+            self.has_fallen = self.has_fallen or (self._has_stood and tilt > _LIES_RAD)
 
     @property
     def digest(self) -> str:
@@ -91,17 +90,15 @@ class DriveWatch:
 class NodeWatch(RecorderFront):
     """Observes the node, cycle by cycle, and passes each record on to a recorder; see `Recorder`.
 
-    A recorder that fails is done without, as the loop does: the observation goes on.
-
-    Attributes:
-        changes: Changes of mode and of lines, oldest first.
-        modes: The robot's, from its loop; None before there is one.
+    A recorder that fails is done without, as the loop does: the observation goes on. It keeps the changes of mode and
+    of lines, oldest first, and the newest posture, empty for none; `modes` are the robot's, from its loop.
     """
 
     def __init__(self, injections: Injections, hardware: Hardware, recorder: Recorder | None = None) -> None:
         """Watch a node with this hardware."""
         self.changes: list[Change] = []
         self.mode = Mode.DISARMED
+        self.posture = ""
         self._timeline = injections.timeline
         self.events: deque[str] = deque(maxlen=1)
         super().__init__(BestEffortRecorder(recorder or NoRecorder(), self.events))
@@ -112,6 +109,8 @@ class NodeWatch(RecorderFront):
     def write(self, record: CycleRecord) -> None:
         """Observe one cycle, and pass it on."""
         mode, switching = record.mode, self._switching
+        if record.posture is not None:
+            self.posture = str(record.posture.posture)
         if mode is Mode.ARMED:
             self._timeline.start()
         if self._timeline.started_ns is not None:

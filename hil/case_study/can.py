@@ -4,6 +4,8 @@
 import contextlib
 import csv
 import math
+import os
+import signal
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import starmap
@@ -13,20 +15,25 @@ from typing import Any, Final
 
 import msgspec
 
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.case_study.seats import TRIES, Repeats, SeatRun, trajectory
 from segway_ecc.hil.case_study.study import LoopTiming, RealTimeRun, Seat, Trajectory
-from segway_ecc.hil.case_study.witness import witness
-from segway_ecc.hil.errors import RigError, RunFailedError
+from segway_ecc.hil.case_study.witness import Witness, witness
+from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
 from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import kernel_ends
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
-from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.interfaces import NoRecorder
+from segway_ecc.node.config import load_robot, read_text
+from segway_ecc.node.cycle.interfaces import NoRecorder, Recorder
+from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.errors import NodeError, RobotLostError, SequenceError
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
+from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import build_robot
+from segway_ecc.node.safety.modes import ACTIVE
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, ManoeuvreStage, Odometry, Player, single_segment
 
 ROBOT: Final = "cart-can"
@@ -39,21 +46,8 @@ _TRUTH: Final = ("truth.x", "truth.y", "truth.heading", "truth.linear_velocity",
 _POINT_NS: Final = 10_000_000
 
 
-class RealTimeRunError(ProcessFailedError):
-    """A run in real time failed.
-
-    Attributes:
-        stall_s: How long the machine stalled meanwhile, s; 0 where it did not.
-    """
-
-    def __init__(self, cause: str, stall_s: float) -> None:
-        """Add to the cause how long the machine stalled."""
-        self.stall_s = stall_s
-        super().__init__(f"{cause}; the machine stalled for up to {stall_s * 1e3:.0f} ms" if stall_s else cause)
-
-
 class RealTimeCanSeat:
-    """Two processes in real time. On a virtual bus each run has its own; on a real interface they take turns.
+    """Two processes in real time. On a virtual bus each run of each study has its own; on a real one they take turns.
 
     Attributes:
         timings: How each run that succeeded met its deadlines, by its name.
@@ -83,35 +77,62 @@ class RealTimeCanSeat:
         """Play a manoeuvre over the bus; see `SeatRunner.run`.
 
         Raises:
-            RealTimeRunError: It failed.
+            SpoiledRunError: The robot gave it up while the machine stalled, and does not in lock step.
+            RigError: It failed.
         """
-        with witness(self._folder / f"can_{name}.witness.txt") as longest_stall_s:
+        with witness(self._folder / f"can_{name}.witness.txt") as seen:
             try:
-                found, played = self._play(name, manoeuvre)
+                found, played = self._play(name, manoeuvre, seen)
             except RigError as error:
-                raise RealTimeRunError(str(error), longest_stall_s()) from error
+                stall_s = seen.longest_stall_s()
+                if stall_s > 0.0:
+                    error.args = (f"{error}; the machine stalled for up to {stall_s * 1e3:.0f} ms",)
+                    if self._is_spoiled(error, manoeuvre):
+                        raise SpoiledRunError(str(error)) from error
+                raise
             lateness = played["timing"]["lateness"]
-            self.timings[name] = LoopTiming(lateness["p99_s"], lateness["max_s"], played["skipped"], longest_stall_s())
+            timing = LoopTiming(lateness["p99_s"], lateness["max_s"], played["skipped"], seen.longest_stall_s())
+            self.timings[name] = timing
         return SeatRun(found)
+
+    def _is_spoiled(self, error: RigError, manoeuvre: Manoeuvre) -> bool:
+        """Whether the robot gave up, as it does where drives or deadlines are late, and does not in lock step."""
+        if not isinstance(error, ProcessFailedError) or error.ended_with != RobotLostError.exit_code:
+            return False
+        try:
+            LockstepCanSeat(None, self._robot).run("", manoeuvre)
+        except (NodeError, RigError):
+            return False
+        return True
 
     def worst(self) -> RealTimeRun:
         """What was worst in all of the runs, of which there was one at least; skipped deadlines are added up."""
         p99s, latest, skipped, stalls = zip(*self.timings.values(), strict=True)
         return RealTimeRun(f"{len(stalls)} runs", LoopTiming(max(p99s), max(latest), sum(skipped), max(stalls)))
 
-    def _play(self, name: str, manoeuvre: Manoeuvre) -> tuple[Trajectory, dict[str, Any]]:
+    def _play(self, name: str, manoeuvre: Manoeuvre, seen: Witness) -> tuple[Trajectory, dict[str, Any]]:
         """The cart's way, and what the controller printed."""
         file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
         file.write_bytes(msgspec.yaml.encode(manoeuvre))
-        robot_channel, plant_channel = (channel or f"case_study_{name}" for channel in self._channels)
+        robot_channel, plant_channel = (channel or f"case_study_{os.getpid()}_{name}" for channel in self._channels)
         plant = ["plant", self._robot, "--channel", plant_channel, "--truth", str(truth)]
         node = ["run", self._robot, "--channel", robot_channel, "--no-ros", "--sequence", str(file), "--json"]
         node += ["--log", str(self._logs / f"can_{name}.mcap")]
         with (
-            command(plant, self._folder / f"can_{name}.plant.txt"),
+            command(plant, self._folder / f"can_{name}.plant.txt") as simulated,
             command(node, self._folder / f"can_{name}.node.txt") as controller,
         ):
-            played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)
+            seen.watch(simulated.process.pid, controller.process.pid)
+            try:
+                played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S, simulated)
+            except ProcessFailedError as error:
+                if simulated.process.poll() is not None:
+                    simulated.result(_MARGIN_S)  # then it is the plant that failed
+                if error.ended_with == SequenceError.exit_code:
+                    raise SequenceError(str(error)) from error  # refused, and so it will be again
+                raise
+        if played["stop_reason"] in signal.Signals.__members__:
+            raise KeyboardInterrupt
         # The plant has ended too by now, so its file is whole.
         points = resample(read_truth(truth), played["sequence"]["started_wall_ns"], manoeuvre.duration_ns)
         return trajectory(Seat.CAN, points), played
@@ -138,7 +159,11 @@ class LockstepCanSeat:
         self._channels = channels
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
-        """Play a manoeuvre in lock step; see `SeatRunner.run`."""
+        """Play a manoeuvre in lock step; see `SeatRunner.run`.
+
+        Raises:
+            SequenceError, RobotLostError: The robot refused it, or did not play it to its end.
+        """
         file = load_robot(self._robot)
         bitrate = hardware_of(file).can.bitrate
         rig = LockstepRig(bitrate)
@@ -154,11 +179,37 @@ class LockstepCanSeat:
         rig.attach(plant, lambda wall_ns, outputs: points.append(Odometry(wall_ns, *truth(outputs))))
         robot = build_robot(file, rig, robot_link)
         stage = ManoeuvreStage(Player(manoeuvre), list(robot.wiring.published), rig)
-        recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
+        recorder: Recorder = NoRecorder()
+        if self._logs:
+            provenance = provenance_of(file, read_text(self._robot))
+            recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot), provenance)
         with contextlib.closing(plant_link):
             plant_link.open()
-            robot.loop(stage, recorder).run()
-        return SeatRun(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
+            loop = robot.loop(stage, recorder)
+            loop.run(round((manoeuvre.duration_ns * 1e-9 + _MARGIN_S) * NS_PER_S / robot.period_ns))
+        started_ns = start_of(stage, loop)
+        if stage.is_broken_off or not stage.player.has_reached_end:
+            raise _not_played(stage, loop)
+        return SeatRun(trajectory(Seat.CAN, resample(points, started_ns, manoeuvre.duration_ns)))
+
+
+def start_of(stage: ManoeuvreStage, loop: Loop) -> int:
+    """The wall clock at the manoeuvre's start, ns since the Unix epoch, once the loop has ended.
+
+    Raises:
+        SequenceError: The robot refused it.
+        RobotLostError: The robot was not armed, and never began.
+    """
+    if stage.started_wall_ns is None:
+        raise _not_played(stage, loop)
+    return stage.started_wall_ns
+
+
+def _not_played(stage: ManoeuvreStage, loop: Loop) -> NodeError:
+    why = stage.over or loop.stop_reason
+    if loop.modes.mode in ACTIVE:
+        return SequenceError(why)
+    return RobotLostError(f"{why}; {loop.modes.mode}: {loop.modes.reason}")
 
 
 def run_in_real_time(real: RealTimeCanSeat, lockstep: LockstepCanSeat, repeats: Repeats) -> RealTimeRun:
@@ -172,8 +223,8 @@ def run_in_real_time(real: RealTimeCanSeat, lockstep: LockstepCanSeat, repeats: 
 
     try:
         found, timing = repeats.run(IN_REAL_TIME, real.tries, once)
-    except RunFailedError as error:
-        is_spoiled = all(isinstance(each, RealTimeRunError) and each.stall_s for each in error.failures)
+    except (NodeError, RigError) as error:
+        is_spoiled = isinstance(error, RunFailedError) and error.is_spoiled
         return RealTimeRun(what, failure=str(error), is_spoiled=is_spoiled)
     expected = lockstep.run("lock_step", manoeuvre).trajectory
     ways = (zip(way.x, way.y, strict=True) for way in (found, expected))

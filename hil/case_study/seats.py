@@ -7,7 +7,7 @@ and which they were and why is kept.
 
 import csv
 import dataclasses
-import shutil
+import itertools
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -21,14 +21,15 @@ import msgspec
 import segway_ecc.node.models
 from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.errors import SegwayEccError
-from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Study, Trajectory, difference, thesis_cells
+from segway_ecc.hil.case_study.study import Cell, Edge, RealTimeRun, Seat, Study, Trajectory, difference, thesis_cells
 from segway_ecc.hil.errors import RigError, RunFailedError
-from segway_ecc.hil.processes import command, own_ros_domain
-from segway_ecc.node.errors import NodeError
+from segway_ecc.hil.processes import ProcessFailedError, command, own_ros_domain
+from segway_ecc.node.cycle.trajectory import cycle_at
+from segway_ecc.node.errors import NobodyListensError, NodeError, RobotLostError, SequenceError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.ros.runtime import require_ros
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, single_segment
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, points, single_segment
 
 OnProgress = Callable[[Seat, int, int], None]
 """Called with the seat, how many of its runs are done, and how many there are."""
@@ -39,6 +40,8 @@ TRIES: Final = 3
 """Of a run in real time; what runs on a simulated clock, or on none, is never repeated."""
 
 _REMEDY: Final = "end other programs on this machine and try again, or choose other seats with --seat"
+_LOSSES: Final = (None, NobodyListensError.exit_code, RobotLostError.exit_code, SequenceError.exit_code)
+"""How a process ends that may succeed the next time; None where it did not end in time."""
 _T = TypeVar("_T")
 _TURN_MANOEUVRE: Final = Manoeuvre(
     segments=(
@@ -118,11 +121,6 @@ SUBMODEL_CART: Final = Cart(
 )
 
 
-def has_compiler() -> bool:
-    """Whether this machine can compile a C submodel."""
-    return shutil.which("gcc") is not None
-
-
 class OfflineSeat:
     """No clock, no bus, no ROS: what every other seat is compared with."""
 
@@ -154,10 +152,11 @@ def _step(cart: Cart, manoeuvre: Manoeuvre) -> list[Odometry]:
     odometry = itemgetter(*(names.index(output) for output in _OUTPUTS))
     period_ns = round(model.step_size * NS_PER_S)
     found = [odometry(model.initialize(()))]
-    for segment in manoeuvre.segments:
-        model.write(cart.linear, segment.linear)
-        model.write(cart.angular, segment.angular)
-        found += [odometry(model.step(())) for _ in range(round(segment.duration / model.step_size))]
+    for (start_ns, (linear, angular)), (end_ns, _) in itertools.pairwise(points(manoeuvre)):
+        model.write(cart.linear, linear)
+        model.write(cart.angular, angular)
+        cycles = range(cycle_at(start_ns, period_ns), cycle_at(end_ns, period_ns))
+        found += [odometry(model.step(())) for _ in cycles]
     return [Odometry(cycle * period_ns, *y) for cycle, y in enumerate(found)]
 
 
@@ -191,10 +190,10 @@ class RosSeat:
         node = ["run", "cart", "--ros", "--namespace", namespace, "--log", str(self._logs / f"ros_{name}.mcap")]
         sequence = ["sequence", str(file), "--namespace", namespace, "--json", "--csv", str(odometry), "--wait", "60"]
         with (
-            command(node, self._folder / f"ros_{name}.node.txt", self._environment),
+            command(node, self._folder / f"ros_{name}.node.txt", self._environment) as robot,
             command(sequence, self._folder / f"ros_{name}.sequence.txt", self._environment) as player,
         ):
-            result = player.result(manoeuvre.duration_ns * 1e-9 + 2 * _MARGIN_S)
+            result = player.result(manoeuvre.duration_ns * 1e-9 + 2 * _MARGIN_S, robot)
         graph = tuple(Edge(**edge) for edge in result["graph"])
         with odometry.open(newline="", encoding="utf-8") as lines:
             rows = csv.reader(lines)
@@ -210,8 +209,15 @@ class RosSeat:
         return SeatRun(found, graph)
 
 
+def _is_loss(error: SegwayEccError) -> bool:
+    """Whether a stall of the machine, or what is lost in one, may have caused it: then it need not fail again."""
+    if isinstance(error, ProcessFailedError):
+        return error.ended_with in _LOSSES
+    return isinstance(error, RigError)
+
+
 class Repeats:
-    """Repeats what fails.
+    """Repeats what fails by a loss or a stall, which a file or an installation that does not fit is not.
 
     Attributes:
         causes: A line for each run that was repeated, with the reason.
@@ -227,7 +233,7 @@ class Repeats:
 
         Args:
             what: Names it in messages.
-            tries: How many times it may fail.
+            tries: How many times it may fail by a loss or a stall.
             once: Called with a suffix for the names of this try's files, empty in the first one.
             is_over: Whether nothing is to be repeated any more.
 
@@ -241,7 +247,7 @@ class Repeats:
                 return once(f"_try_{len(failures) + 1}" if failures else "")
             except (NodeError, RigError) as error:
                 failures.append(error)
-                if tries == 1 or is_over():
+                if tries == 1 or is_over() or not _is_loss(error):
                     raise
                 if len(failures) == tries:
                     text = f"{what} failed in each of {tries} tries, the last time: {error}; {_REMEDY}"
@@ -255,11 +261,20 @@ def conduct(
 ) -> Study:
     """Run the twelve cells and the turn in each seat; `repeats` is called with each run that is repeated.
 
+    A seat in real time, one of whose runs the machine spoiled in each try, has no result, and fails no other seat.
+
     Raises:
         NodeError, RigError: A run failed as often as its seat may; the first one ends the study.
     """
-    cells, repeats = thesis_cells(), repeats or Repeats()
-    runs = {runner.seat: _run_seat(runner, cells, on_progress, repeats) for runner in runners}
+    cells, repeats, spoiled = thesis_cells(), repeats or Repeats(), None
+    runs: dict[Seat, dict[str, SeatRun]] = {}
+    for runner in runners:
+        try:
+            runs[runner.seat] = _run_seat(runner, cells, on_progress, repeats)
+        except RunFailedError as error:
+            if not error.is_spoiled:
+                raise
+            spoiled = RealTimeRun("its table", failure=str(error), is_spoiled=True)
     turns = [of_seat[TURN].trajectory for of_seat in runs.values()]
     graphs = [of_seat[TURN].graph for of_seat in runs.values()]
     ends = [{seat: of_seat[cell_name(cell)].position for seat, of_seat in runs.items()} for cell in cells]
@@ -271,6 +286,7 @@ def conduct(
         graph=next((graph for graph in graphs if graph), ()),
         facts=facts,
         repeated=repeats.causes,
+        real_time=spoiled,
     )
 
 

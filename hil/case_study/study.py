@@ -18,8 +18,6 @@ _THESIS_DECIMALS = 2
 # A millimetre keeps four seats within about 100 characters; the difference keeps a tenth of it.
 _SEAT_DECIMALS = 3
 
-_Position = tuple[float, float]
-
 
 @enum.unique
 class Seat(enum.StrEnum):
@@ -110,7 +108,7 @@ class RealTimeRun:
         timing: Of the controller; None where it failed.
         deviation_m: Largest distance from the cart in lock step at the same time, m; None where it was not compared.
         failure: Why it failed although it was repeated; empty where it did not.
-        is_spoiled: Whether the machine stalled in each try that failed, so that the failure is the machine's.
+        is_spoiled: Whether the failure is the machine's: it stalled in each try, and each failed as it does then.
     """
 
     manoeuvre: str
@@ -226,7 +224,7 @@ def worst_text(cells: Sequence[Cell], seat: Seat) -> str:
     return "did not run" if math.isnan(worst) else f"{worst:.4f} m"
 
 
-def _pairs(positions: Sequence[_Position | None], decimals: int) -> list[str]:
+def _pairs(positions: Sequence[tuple[float, float] | None], decimals: int) -> list[str]:
     """Positions with their x below each other and their y below each other."""
     # "z": a position of -0.0 is printed as 0.
     texts = [p and (f"{p[0]:z.{decimals}f}", f"{p[1]:z.{decimals}f}") for p in positions]

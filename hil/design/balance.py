@@ -14,12 +14,23 @@ from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import (
+    CycleRecord,
+    Inbox,
+    NoRecorder,
+    NoStage,
+    Request,
+    SetValue,
+    StampedSetpoint,
+    VariableWrite,
+)
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.robot import build_robot
+from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.safety.posture import Posture
 
 
 class Truth(NamedTuple):
@@ -36,10 +47,9 @@ class Truth(NamedTuple):
 
 
 class DelayedLink(LinkFront):
-    """A link whose frames arrive later, which is as much as whole-loop delay; see `Link`.
+    """A link whose frames arrive `delay_ns` later, which may be changed while it runs: as much as whole-loop delay.
 
-    Attributes:
-        delay_ns: How much later what is received arrives, ns; may be changed while it runs.
+    See `Link`.
     """
 
     def __init__(self, link: Link, now_ns: Callable[[], int]) -> None:
@@ -61,10 +71,9 @@ class DelayedLink(LinkFront):
 
 
 class BiasedModel:
-    """A model whose inputs carry a bias, as from a sensor that is off; see `Model`.
+    """A model whose inputs carry biases, as from a sensor that is off, by name; they may be changed while it runs.
 
-    Attributes:
-        biases: What is added to inputs, by name; may be changed while it runs.
+    See `Model`.
     """
 
     def __init__(self, model: Model) -> None:
@@ -97,30 +106,44 @@ class ScriptedStage(NoStage):
         self.over: str | None = None
         self.setpoint = Setpoint(0.0, 0.0)
         self.values: list[SetValue] = []
+        self.writes: list[VariableWrite] = []
+        self.requests: list[Request] = []
         self._cycle = 0
         self._events = {round(time * 1e9 / period_ns): event for time, event in script.items()}
 
     def take_inbox(self) -> Inbox:
-        """The set-point, sent anew in each cycle, and the values that the script set."""
+        """The set-point, sent anew in each cycle, and the values, variables and requests of the script."""
         event = self._events.get(self._cycle)
         if event is not None:
             event()
         self._cycle += 1
-        values, self.values = self.values, []
-        return Inbox(setpoints=[StampedSetpoint(self.setpoint, None)], values=values)
+        values, writes, requests = self.values, self.writes, self.requests
+        self.values, self.writes, self.requests = [], [], []
+        setpoints = [StampedSetpoint(self.setpoint, None)]
+        return Inbox(setpoints=setpoints, values=values, writes=writes, requests=requests)
 
 
-class _PhaseRecorder(NoRecorder):
-    """Keeps the phase of each cycle; the world is over once the robot has given up, if that is asked for."""
+class _PostureRecorder(NoRecorder):
+    """Keeps each cycle's phase of the model, and posture and command of the robot.
 
-    def __init__(self, place: int, kept: list[float], world: ScriptedStage | None) -> None:
-        self._place, self._kept, self._world = place, kept, world
+    The world is over once the robot has fallen, if that is asked for.
+    """
+
+    def __init__(self, balance: "Balance", place: int, *, until_fallen: bool) -> None:
+        self._balance, self._place, self._until_fallen = balance, place, until_fallen
+        self._posture: Posture | None = None
 
     def write(self, record: CycleRecord) -> None:
-        """Keep the phase of a cycle."""
-        self._kept.append(record.y[self._place])
-        if self._world is not None and self._kept[-1] == Phase.GIVEN_UP:
-            self._world.over = "the robot gave up"
+        """Keep those of a cycle."""
+        balance = self._balance
+        balance.phases.append(record.y[self._place])
+        if record.posture is not None:
+            self._posture = record.posture.posture
+        balance.postures.append(self._posture)
+        balance.commands.append(record.commands)
+        balance.modes.append(record.mode)
+        if self._until_fallen and (self._posture is Posture.FALLEN or balance.phases[-1] == Phase.GIVEN_UP):
+            balance.world.over = "the robot fell"
 
 
 class Balance:
@@ -133,6 +156,11 @@ class Balance:
         link: Its end of the bus.
         truth: Where it really was at each tick.
         phases: The phase of its model in each cycle.
+        refusals: Why each write of the script was refused, in order; empty where it was not.
+        postures: Its posture in each cycle; None where it has none.
+        commands: What was sent in each cycle.
+        modes: Its mode in each cycle.
+        answers: What came of the requests, the oldest first.
     """
 
     def __init__(
@@ -169,6 +197,11 @@ class Balance:
         self.model = BiasedModel(robot.model)
         self.robot = dataclasses.replace(robot, model=cast("Model", self.model))
         self.phases: list[float] = []
+        self.refusals: list[str] = []
+        self.postures: list[Posture | None] = []
+        self.commands: list[Sequence[float]] = []
+        self.modes: list[Mode] = []
+        self.answers: list[Answer] = []
         self._end.open()
 
     def run(
@@ -176,15 +209,19 @@ class Balance:
         duration: float,
         script: "Mapping[float, Callable[[Balance], None]] | None" = None,
         *,
-        until_given_up: bool = False,
+        until_fallen: bool = False,
+        sits_down_first: bool = False,
     ) -> list[Truth]:
-        """Run for some seconds, in which the script happens, or until it gives up; return where it really was."""
+        """Run for some seconds, in which the script happens, or until it falls; return where it really was.
+
+        With `sits_down_first` it ends as `segway-ecc run` does.
+        """
         period_ns = self.robot.period_ns
         events = {time: functools.partial(event, self) for time, event in (script or {}).items()}
         self.world = ScriptedStage(events, period_ns)
         place = [v.name for v in self.robot.model.outputs].index("Phase")
-        recorder = _PhaseRecorder(place, self.phases, self.world if until_given_up else None)
-        self.loop: Loop = self.robot.loop(self.world, recorder)
+        self.loop: Loop = self.robot.loop(self.world, _PostureRecorder(self, place, until_fallen=until_fallen))
+        self.loop.sits_down_first = sits_down_first
         with contextlib.closing(self._end):
             self.loop.run(round(duration * 1e9 / period_ns))
         return self.truth
@@ -193,6 +230,14 @@ class Balance:
         """Set the set-points, m/s and rad/s."""
         self.world.setpoint = Setpoint(linear, angular)
 
+    def ask(self, action: Action) -> None:
+        """Request something as an operator does."""
+        self.world.requests.append(Request(action, self.answers.append))
+
     def stand(self, value: float) -> None:
-        """Request it to stand (1) or to sit (0)."""
+        """Set the value by which it stands (1) or sits (0)."""
         self.world.values.append(SetValue(self.robot.wiring.set_names.index("stand"), value))
+
+    def write(self, **values: float) -> None:
+        """Write variables of the controller by name, together or not at all; see `refusals`."""
+        self.world.writes.append(VariableWrite(tuple(values.items()), self.refusals.append))

@@ -10,6 +10,7 @@ from segway_ecc.hil.design.balance import Balance
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.models.segway_parameters import PUBLISHED, SegwayParameters
+from segway_ecc.node.safety.posture import Posture
 
 PUSH_S: Final = 0.1
 """How long a shove lasts."""
@@ -68,12 +69,7 @@ class DisturbanceKind(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What was found of a `DisturbanceKind`.
-
-    Attributes:
-        tolerated: The largest size tolerated with every seed.
-        is_beyond: Whether even the largest size tried was tolerated.
-    """
+    """What was found of a `DisturbanceKind`: the largest size tolerated with every seed, and if all tried were."""
 
     name: str
     unit: str
@@ -138,11 +134,12 @@ def find_limit(file: RobotFile, kind: DisturbanceKind, seeds: Sequence[int]) -> 
 def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> bool:
     """Whether the robot stands up, is disturbed, and balances at the end, still and without having given up."""
     balance = Balance(file, pitch=LIES_AT, seed=seed, plant=kind.plant(size))
-    truth = balance.run(_DURATION_S, kind.script(size), until_given_up=True)
+    truth = balance.run(_DURATION_S, kind.script(size), until_fallen=True)
     last = [at for at in truth if at.time > _DURATION_S - _STAYED_S]
     return (
         Phase.GIVEN_UP not in balance.phases
         and balance.phases[-1] == Phase.BALANCING
+        and balance.postures[-1] in {Posture.BALANCING, None}
         and max(abs(at.pitch) for at in last) < _RECOVERED_PITCH
         and max(abs(at.pitch_rate) for at in last) < _RECOVERED_RATE
         and max(abs(at.linear_velocity) for at in last) < _RECOVERED_SPEED
@@ -150,12 +147,7 @@ def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> 
 
 
 class Step(NamedTuple):
-    """A set-point that steps from rest to 1.
-
-    Attributes:
-        setpoint: m/s and rad/s.
-        field: What of the truth follows it.
-    """
+    """A set-point, m/s and rad/s, that steps from rest to 1, and the field of the truth that follows it."""
 
     name: str
     unit: str
@@ -199,7 +191,7 @@ def track(file: RobotFile, step: Step, seeds: Sequence[int]) -> Tracking:
     script: Script = {_STEPPED_AT_S: lambda run: run.drive(*step.setpoint)}
     runs = []
     for seed in seeds:
-        truth = Balance(file, pitch=LIES_AT, seed=seed).run(_TRACKED_S, script, until_given_up=True)
+        truth = Balance(file, pitch=LIES_AT, seed=seed).run(_TRACKED_S, script, until_fallen=True)
         runs.append(tracked([(at.time - _STEPPED_AT_S, getattr(at, step.field) - 1.0) for at in truth]))
     steady, largest, settled_s = (max(values) for values in zip(*runs, strict=True))
     return Tracking(step.name, step.unit, steady, largest, settled_s, TRACKING_ERROR)

@@ -43,12 +43,7 @@ class Loop(NamedTuple):
 
 
 class Design(NamedTuple):
-    """What was designed.
-
-    Attributes:
-        gains: The parameters of the controller, by name.
-        balance, yaw: The loops that keep it up and in its place, and that keep its heading.
-    """
+    """What was designed: the controller's parameters, and the loops that keep it up and in place, and its heading."""
 
     gains: Mapping[str, float]
     balance: Loop

@@ -167,8 +167,7 @@ class ObjectDictionary:
 class CanopenSlave:
     """One node. What it does beyond communicating is the business of whoever owns it, through `objects`.
 
-    Attributes:
-        refused_frames: Frames for it that it could not use since power-on.
+    `refused_frames` counts frames for it that it could not use since power-on.
     """
 
     def __init__(

@@ -208,11 +208,7 @@ _READABLE_OF_BOARD: Final[Mapping[str, Callable[[Sequence[SimulatedAxis]], float
 
 
 class AsciiPort:
-    """Reads lines, executes them and writes replies.
-
-    Attributes:
-        refused: Lines with a wrong checksum, which the firmware passes over in silence.
-    """
+    """Reads lines, executes them and writes replies; refuses, in silence, and counts those with a wrong checksum."""
 
     def __init__(self, port: Port, axes: Sequence[SimulatedAxis], clear_errors: Callable[[], None]) -> None:
         """Serve the axes of a board at its end of a line."""

@@ -18,8 +18,6 @@ RATED_TORQUE_MNM: Final = 1_500
 """What 0x6076 reads."""
 MAX_TORQUE_PERMILLE: Final = 3_000
 """Where the motor's current saturates, 0x6072."""
-SIMULATED_FAULT: Final = Emergency(0x2310, 0x03)
-"""Continuous over-current; error register: generic, and current."""
 _PERMILLE_MNM: Final = 1e-6 * RATED_TORQUE_MNM
 """One step of 0x6071, N m."""
 _TORQUE_MODE: Final = 10
@@ -60,11 +58,7 @@ _OBJECTS: Final[Mapping[Key, ObjectEntry]] = {
 
 
 class SimulatedDrive:
-    """One drive.
-
-    Attributes:
-        torque: What its motor gives, N m.
-    """
+    """One drive, whose motor gives `torque`, N m."""
 
     def __init__(self, link: Link, settings: Cia402WheelSettings, lacks: Collection[int] = ()) -> None:
         """Switch a drive on that does not have the objects that it `lacks`."""
@@ -90,11 +84,6 @@ class SimulatedDrive:
         self._origin_counts = self._position_counts
         self._last_controlword = 0
         self.state = DriveState.SWITCH_ON_DISABLED
-
-    def latch_fault(self, emergency: Emergency = SIMULATED_FAULT) -> None:
-        """Let an error happen inside it."""
-        self.slave.send_emergency(emergency)
-        self.state = DriveState.FAULT_REACTION_ACTIVE
 
     def obey(self, frames: Sequence[Frame], now_ns: int) -> float:
         """Process what has arrived, and return the torque at the wheel, N m."""

@@ -25,9 +25,8 @@ def supply_voltage(outputs: Mapping[str, float]) -> float:
 class Device(Protocol):
     """The firmware of a drive or sensor, one pass of its loop at a time. It sends over the links that it was given.
 
-    Attributes:
-        inputs: The plant's inputs that its motors drive, such as `left.torque`.
-        needs: The plant's outputs that it measures, such as `left.angle`.
+    Its motors drive the plant's `inputs`, such as `left.torque`; it measures those outputs that it `needs`, such as
+    `left.angle`.
     """
 
     inputs: Sequence[str]

@@ -56,12 +56,7 @@ class _Cycle:
 
 
 class SimulatedOdrive:
-    """Two wheels on ODrives; see `Device`.
-
-    Attributes:
-        axes: The axes of the left and the right wheel.
-        cycles: For each axis, what it sends unasked, and how often.
-    """
+    """Two wheels on ODrives; see `Device`. For each axis, left first, `cycles` is what it sends unasked, how often."""
 
     inputs: Sequence[str] = ("left.torque", "right.torque")
     needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")

@@ -221,12 +221,7 @@ _SET_BY_PACKET: Final = {int(packet): command for command, packet in SET_PACKETS
 
 
 class SimulatedVesc:
-    """Both controllers; see `Device`.
-
-    Attributes:
-        bus_is_whole: Whether packets pass between the two; a test may break it.
-        refused_frames: Frames and packets for them that they could not use.
-    """
+    """Both controllers; see `Device`. A test may break the bus between the two; unusable frames are counted."""
 
     inputs: Sequence[str] = ("left.torque", "right.torque")
     needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")

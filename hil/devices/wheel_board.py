@@ -48,11 +48,8 @@ class SimulatedWheelBoard:
 
     Each line has its own counters. The owner is the line over which a command that does not enable came last; commands
     that enable are taken from the owner alone. So torque never comes from two lines, either one can always stop it, and
-    a board that was just switched on does nothing before it was commanded to be off.
-
-    Attributes:
-        voltages: What its motors are given, V.
-        is_broken: Set it to have the board find a fault, clear it to have the cause gone.
+    a board that was just switched on does nothing before it was commanded to be off. Its motors are given `voltages`,
+    V; set `is_broken` to have it find a fault, clear it to have the cause gone.
     """
 
     inputs: Sequence[str] = ("left.voltage", "right.voltage")

@@ -22,11 +22,8 @@ _LINEAR_ACCELERATION: Final = ("imu.linear_acceleration_x", "imu.linear_accelera
 class SimulatedXsensMti:
     """Sends group counter, sample time, rate of turn and acceleration; see `Device`.
 
-    Its period must be a multiple of the rig's tick: it sends no more than one set in a tick.
-
-    Attributes:
-        powered: Whether it is switched on. Counter and sample time begin anew when it is switched on again.
-        frozen: Whether it sends the same set again and again.
+    Its period must be a multiple of the rig's tick: it sends no more than one set in a tick. Where it is `powered`
+    again, counter and sample time begin anew; while it is `frozen` it sends the same set again and again.
     """
 
     inputs: Sequence[str] = ()
@@ -47,10 +44,6 @@ class SimulatedXsensMti:
     def refused_frames(self) -> int:
         """None: it listens to no frame."""
         return 0
-
-    def report_error(self, code: int) -> None:
-        """Send the error message with a code from 0 to 255."""
-        self._link.send(self._frame(Message.ERROR, (code,)))
 
     def obey(self, _frames: Sequence[Frame], _now_ns: int, _outputs: Mapping[str, float]) -> Sequence[float]:
         """Drive nothing; see `Device.obey`."""

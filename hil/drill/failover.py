@@ -15,7 +15,7 @@ from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.build import can_link, make_link, takes_serial, with_port
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.hil.case_study.can import read_truth, resample
+from segway_ecc.hil.case_study.can import read_truth, resample, start_of
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
@@ -97,7 +97,7 @@ class Failover:
             drive = self._drive(cause)
         if cause == INTERFACE_DOWN:
             _set_interface(can.channel, "up")
-        points = resample(read_truth(truth), drive.stage.started_wall_ns or 0, MANOEUVRE.duration_ns)
+        points = resample(read_truth(truth), drive.started_ns, MANOEUVRE.duration_ns)
         alone = OfflineSeat(self._folder).run("alone", MANOEUVRE).trajectory
         undisturbed = zip(alone.x, alone.y, strict=True)
         return drive.result(cause, max(math.dist((p.x, p.y), q) for p, q in zip(points, undisturbed, strict=True)))
@@ -123,9 +123,9 @@ class _Drive(NoRecorder):
     def __init__(self, file: RobotFile, clock: RealClock, link: Link, break_bus: Callable[[], None]) -> None:
         robot = build_robot(file, clock, link)
         names = list(robot.wiring.published)
-        self.stage = ManoeuvreStage(Player(MANOEUVRE), names, clock)
+        self._stage = ManoeuvreStage(Player(MANOEUVRE), names, clock)
         self._hardware = robot.hardware
-        self._loop = robot.loop(self.stage, self)
+        self._loop = robot.loop(self._stage, self)
         self._break_bus = break_bus
         self._break_at = round(FAULT_AFTER_S * 1e9 / robot.period_ns)
         if not {"odometry.x", "odometry.y"} <= set(names):
@@ -133,6 +133,11 @@ class _Drive(NoRecorder):
         self._places = [names.index(f"odometry.{part}") for part in ("x", "y")]
         self._active = 0
         self._way: list[tuple[float, float]] = []
+
+    @property
+    def started_ns(self) -> int:
+        """The wall clock at its start, ns since the Unix epoch; see `start_of`."""
+        return start_of(self._stage, self._loop)
 
     def run(self) -> None:
         """Drive until the manoeuvre is over, or the robot breaks it off."""

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.hil.drill.plant_control import driven_since_ns, read_trace
+from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.hil.processes import Command, ProcessFailedError, command
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -39,6 +41,7 @@ class DrillSetup:
         serial: Whether a serial line is made for the drives.
         stepped: Whether the wall clocks that the processes read can be stepped.
         folder: Where messages, traces and the serial line go.
+        node: Options of the node, in place of a sequence that it drives without ROS.
     """
 
     robot: str
@@ -47,6 +50,7 @@ class DrillSetup:
     guard: bool
     stepped: bool
     folder: Path
+    node: Sequence[str] = ()
 
     @property
     def channel(self) -> str:
@@ -83,16 +87,14 @@ class Parts:
         Raises:
             ProcessFailedError: There is none.
         """
-        if part != "recorder":
+        if part == "recorder":
+            pid = helpers_of(self.node.process.pid).get(part)
+        else:
             process = self.node if part == "node" else self.guard
-            if process is None:
-                raise ProcessFailedError("there is no guard")
-            return process.process.pid
-        for task in Path(f"/proc/{self.node.process.pid}/task").iterdir():
-            for pid in (task / "children").read_text().split():
-                if "segway_ecc.node.recording.writer" in Path(f"/proc/{pid}/cmdline").read_text():
-                    return int(pid)
-        raise ProcessFailedError("the node has no recorder")
+            pid = None if process is None else process.process.pid
+        if pid is None:
+            raise ProcessFailedError(f"there is no {part}")
+        return pid
 
     def log_lines(self) -> list[str]:
         """The messages of node and guard so far, in the order of the processes."""
@@ -102,6 +104,17 @@ class Parts:
             for part in parts
             for line in self.setup.messages(part).read_text(errors="replace").splitlines()
         ]
+
+
+def new_lines(before: Sequence[str], now: Sequence[str]) -> list[str]:
+    """The messages that have come since, where several processes write."""
+    known, new = Counter(before), list[str]()
+    for line in now:
+        if known[line]:
+            known[line] -= 1
+        else:
+            new.append(line)
+    return new
 
 
 @contextlib.contextmanager
@@ -121,7 +134,8 @@ def running(setup: DrillSetup) -> Iterator[Parts]:
         plant.ask("heal", _STARTS_WITHIN_S)  # it answers once it runs
         guard = start("guard", "guard", *robot) if setup.guard else None
         log = str(setup.log_folder / "run.mcap")
-        node = start("node", "run", *robot, "--no-ros", "--sequence", str(sequence), "--log", log)
+        words = setup.node or ("--no-ros", "--sequence", str(sequence))
+        node = start("node", "run", *robot, *words, "--log", log)
         yield Parts(setup, plant, guard, node)
 
 

@@ -6,6 +6,7 @@ Each line is answered with when it took effect.
     mute                the drives receive, and what they send is lost
     cut                 nothing passes on the bus either way; a serial line goes on
     freeze WHAT         measured values that begin with WHAT, such as left, imu or left.velocity, stay as they are
+    add WHAT AMOUNT     measured values that begin with WHAT are too large by AMOUNT, in their unit
     heal                undo all of the above
     write NAME VALUE    write a state or parameter of the plant
 
@@ -39,9 +40,7 @@ NOTHING: Final = 1e-4
 class DisturbedLink(LinkFront):
     """The drives' end of a bus, which loses frames on request; a cut cable is not seen from this end. See `Link`.
 
-    Attributes:
-        disturbance: `mute`: the drives receive, and what they send is lost; `cut`: nothing passes either way; None
-            while all is well.
+    The disturbance is None, or `mute`: what the drives send is lost; or `cut`: nothing passes either way.
     """
 
     disturbance: Literal["mute", "cut"] | None = None
@@ -79,21 +78,42 @@ class PlantControl:
                 self._link.disturbance = word
             case ["freeze", what]:
                 refused = self._freeze(what)
+            case ["add", what, amount]:
+                refused = self._add(what, amount)
             case ["heal"]:
                 self._link.disturbance = None
                 self._robot.stuck.clear()
+                self._robot.errors.clear()
             case ["write", name, value]:
                 refused = self._write(name, value)
             case _:
-                refused = "it must be mute, cut, freeze left|right|imu|SIGNAL, heal, or write NAME VALUE of the plant"
+                refused = (
+                    "it must be mute, cut, freeze left|right|imu|SIGNAL, add imu|SIGNAL AMOUNT, heal, "
+                    "or write NAME VALUE of the plant"
+                )
         return f"{self._clock.now_ns()} {line if refused is None else f'refused: {refused}'}"
 
     def _freeze(self, what: str) -> str | None:
         now = dict(zip(self._robot.output_names, self._robot.outputs, strict=True))
-        measured = {name: value for name, value in now.items() if not name.startswith(_TRUTH)}
-        chosen = {name: value for name, value in measured.items() if name == what or name.startswith(f"{what}.")}
-        self._robot.stuck.update(chosen)
-        return None if chosen else f"nothing measured begins with '{what}'; there is {', '.join(measured)}"
+        chosen = self._measured(what)
+        self._robot.stuck.update({name: now[name] for name in chosen})
+        return None if chosen else self._nothing(what)
+
+    def _add(self, what: str, text: str) -> str | None:
+        try:
+            amount = float(text)
+        except ValueError:
+            return f"'{text}' is not a number"
+        chosen = self._measured(what)
+        self._robot.errors.update(dict.fromkeys(chosen, amount))
+        return None if chosen else self._nothing(what)
+
+    def _measured(self, what: str) -> list[str]:
+        names = (name for name in self._robot.output_names if not name.startswith(_TRUTH))
+        return [name for name in names if not what or name == what or name.startswith(f"{what}.")]
+
+    def _nothing(self, what: str) -> str:
+        return f"nothing measured begins with '{what}'; there is {', '.join(self._measured(''))}"
 
     def _write(self, name: str, text: str) -> str | None:
         try:

@@ -16,10 +16,20 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.drill.parts import DrillSetup, Parts, running, small_disk, stopped, wait_until_driven
+from segway_ecc.hil.drill.parts import (
+    DrillSetup,
+    Parts,
+    new_lines,
+    running,
+    small_disk,
+    stopped,
+    wait_until_driven,
+)
 from segway_ecc.hil.drill.plant_control import Torque, read_trace, torque_after
 from segway_ecc.hil.drill.stepped_clock import AHEAD, BACK
 from segway_ecc.hil.processes import ProcessFailedError
+from segway_ecc.hil.rig.simulation import hardware_of
+from segway_ecc.node.config import load_robot
 
 _ANSWERS_WITHIN_S: Final = 5.0
 _RECORDER_NOTICES_WITHIN_S: Final = 30.0
@@ -67,6 +77,7 @@ class DrillFault:
         stepped: Whether it needs wall clocks that can be stepped.
         disk: Whether the log is to be on a disk of its own.
         interface: Whether it needs a network interface, which is set down.
+        silences: Whether it silences telemetry alone, which a robot may ride through for a while.
     """
 
     name: str
@@ -78,6 +89,7 @@ class DrillFault:
     stepped: bool = False
     disk: bool = False
     interface: bool = False
+    silences: bool = False
 
 
 def _kill(part: str) -> Harm:
@@ -200,7 +212,7 @@ FAULTS: Final = {
         DrillFault("guard stopped", DrillOutcome.DRIVES_ON, _stop("guard"), guard=True),
         DrillFault("recorder killed", DrillOutcome.DRIVES_ON, _kill("recorder")),
         DrillFault("recorder stopped", DrillOutcome.DRIVES_ON, _stop("recorder")),
-        DrillFault("drives mute", DrillOutcome.ENDS, _request("mute")),
+        DrillFault("drives mute", DrillOutcome.ENDS, _request("mute"), silences=True),
         DrillFault("bus down", DrillOutcome.ENDS, _set_down, interface=True),
         DrillFault("cable cut", DrillOutcome.ENDS, _request("cut")),
         DrillFault("cable cut with serial line", DrillOutcome.DRIVES_ON, _request("cut"), serial=True),
@@ -269,7 +281,10 @@ def run(fault: DrillFault, setup: DrillSetup) -> DrillResult:
             )
         elif fault.stepped:
             note = "as the processes read it: the machine's own clock is not set"
-    return DrillResult(fault.name, fault.expected, setup.guard, torque, messages, note, fault.within_s)
+    within_s = fault.within_s
+    if fault.silences:
+        within_s += hardware_of(load_robot(setup.robot)).ride_through_s
+    return DrillResult(fault.name, fault.expected, setup.guard, torque, messages, note, within_s)
 
 
 def _harm(fault: DrillFault, parts: Parts) -> tuple[Torque, list[str]]:
@@ -280,13 +295,7 @@ def _harm(fault: DrillFault, parts: Parts) -> tuple[Torque, list[str]]:
     time.sleep(_AFTER_S)
     until_ns = time.monotonic_ns()
     torque = torque_after(read_trace(parts.setup.trace), fault_ns, until_ns)
-    new = []
-    for line in parts.log_lines():
-        if line in before:
-            before.remove(line)
-        else:
-            new.append(line)
-    return torque, new
+    return torque, new_lines(before, parts.log_lines())
 
 
 def worst(results: Sequence[DrillResult]) -> DrillResult:

@@ -17,7 +17,7 @@ from segway_ecc.hil.endurance.driving import Driver
 from segway_ecc.hil.faults.fault import Fault, Injections, Timeline
 from segway_ecc.hil.faults.links import DisturbedBus
 from segway_ecc.hil.faults.plant import DisturbedPlant
-from segway_ecc.hil.parallel import ignore_interrupt, quiet, spawning
+from segway_ecc.hil.processes import ignore_interrupt, quiet, spawning
 from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.rig.fronts import RecorderFront, kernel_ends
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot

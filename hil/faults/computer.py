@@ -8,6 +8,7 @@ from segway_ecc.hil.faults.fault import Injections, active
 from segway_ecc.hil.rig.fronts import RecorderFront
 from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 
@@ -75,7 +76,8 @@ class FailingRecorder(RecorderFront):
     def __init__(self, recorder: Recorder, injections: Injections, clock: DisturbedClock) -> None:
         """Stand in front of `recorder`."""
         super().__init__(recorder)
-        self._injections = injections.of("disk")
+        self._losses = [i for i in injections.of("disk") if i.fault.type == "intermittent"]
+        self._injections = [i for i in injections.of("disk") if i.fault.type != "intermittent"]
         self._clock = clock
 
     def write(self, record: CycleRecord) -> None:
@@ -95,6 +97,11 @@ class FailingRecorder(RecorderFront):
         """
         self._fail()
         super().write_diagnostics(stamp_ns, statuses)
+
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Keep a snapshot, or lose it."""
+        if not any(injection.happens() for injection in active(self._losses)):
+            super().write_state(take)
 
     def _fail(self) -> None:
         for injection in active(self._injections):

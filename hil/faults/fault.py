@@ -22,10 +22,17 @@ Target = Literal[
     "clock",
     "process",
     "disk",
+    "stranger",
+    "model",
+    "odometry",
+    "operator",
+    "parameter",
+    "ros",
 ]
-Type = Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"]
+Type = Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent", "oscillating", "swapped", "stale"]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
 _NS_PER_S: Final = 1_000_000_000
+_ANY: Final = 1e308
 _SPREAD_S: Final = 0.02
 """How much later than declared a seed other than zero may make a fault: anywhere in a cycle."""
 
@@ -33,9 +40,8 @@ _SPREAD_S: Final = 0.02
 class FaultKind(NamedTuple):
     """What a type of fault does to a target.
 
-    Attributes:
-        amount: The `amount` where none is given; None where it means something else than any number would.
-        unit: What `amount` is counted in; empty where it has no meaning.
+    The amount is the one where none is given, None where it means something else than any number would; it is counted
+    in the unit, empty where it has no meaning.
     """
 
     does: str
@@ -61,6 +67,7 @@ _MOTOR: Final = {
     "slow": _time("follows with this time constant", 0.2),
     "delayed": _time("follows this much later", 0.1),
     "intermittent": _share("gives nothing in this share of the plant's steps", 0.5),
+    "swapped": FaultKind("the two motors' cables are exchanged"),
 }
 KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
     "imu": {
@@ -71,6 +78,7 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
         "slow": _time("follows with this time constant", 0.2),
         "delayed": _time("measures what was this long ago", 0.1),
         "intermittent": _share("loses this share of its frames", 0.5),
+        "swapped": FaultKind("its x and y axes are exchanged"),
     },
     "left_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
     "right_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
@@ -84,16 +92,19 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
         "slow": _time("the left wheel's follows with this time constant", 0.2),
         "delayed": _time("the left wheel's reads what was this long ago", 0.1),
         "intermittent": _share("the left wheel's reads zero in this share of the plant's steps", 0.5),
+        "swapped": FaultKind("the two wheels' are exchanged"),
     },
     "can": {
         "off": FaultKind("nothing passes either way, and nothing reports it: a cut cable"),
         "stuck": FaultKind("the transmit queue takes nothing; telemetry goes on"),
+        "stale": FaultKind("no telemetry arrives; commands do"),
         "garbage": _share("some bits are wrong in this share of the frames either way", 0.1),
         "wrong": FaultKind(
             "after each frame the one of its kind before it arrives once more: a counter that goes back"
         ),
         "delayed": _time("every frame arrives this much later", 0.02),
         "intermittent": _share("this share of the frames is lost either way", 0.1),
+        "swapped": FaultKind("the bytes of every frame either way are in the other order"),
     },
     "serial": {
         "off": FaultKind("the wires are cut"),
@@ -128,6 +139,46 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
     "disk": {
         "off": FaultKind("nothing can be recorded: every write fails"),
         "slow": _time("every write takes this long", 0.005),
+        "intermittent": _share("this share of the snapshots is lost", 0.5),
+    },
+    "stranger": {
+        "off": FaultKind("somebody else sends what stops the drives, this often", 100.0, "Hz", 1.0, 1000.0),
+        "garbage": FaultKind(
+            "somebody else sends noise under the identifiers of the devices, this often", 100.0, "Hz", 1.0, 1000.0
+        ),
+        "delayed": _time("somebody else plays what the devices sent this long ago", 0.5),
+        "stuck": FaultKind(
+            "somebody else sends the node's newest command that moves a drive, this often", 100.0, "Hz", 1.0, 1000.0
+        ),
+    },
+    "model": {
+        "off": FaultKind("its step raises an error"),
+        "garbage": FaultKind("its commands are not numbers"),
+        "wrong": FaultKind("its commands are too large by this", 1e308, "the drive's unit", -_ANY, _ANY),
+        "oscillating": FaultKind(
+            "its commands change sign in every cycle, this much either way", 18.0, "the drive's unit", 0.0, _ANY
+        ),
+        "slow": _time("every step takes this long", 0.012),
+    },
+    "odometry": {
+        "wrong": FaultKind(
+            "its pose and velocities, which the model gives, are too large by this",
+            1e308,
+            "m, rad, m/s and rad/s",
+            -_ANY,
+            _ANY,
+        ),
+    },
+    "operator": {
+        "off": FaultKind("presses stop"),
+        "wrong": FaultKind("asks the robot to disarm"),
+        "stuck": FaultKind("asks to clear the fault and to arm, in every cycle"),
+    },
+    "parameter": {
+        "wrong": FaultKind("this is written to the variable of the model", 0.0, "the variable's unit", -_ANY, _ANY),
+    },
+    "ros": {
+        "off": FaultKind("its process is lost: nothing arrives, nothing is published"),
     },
 }
 """Every fault there is, and what it does."""
@@ -144,6 +195,9 @@ class Fault(Section, frozen=True, kw_only=True):
         at_s: When, s after the robot was armed.
         for_s: How long, s; None for good.
         amount: How much; see `KINDS`. None for what stands there.
+        every_s: It comes again each time after so long, s; None for once.
+        since: What `at_s` counts from: when the robot was armed, or when it was switched on.
+        name: The variable that is written; of a parameter only.
     """
 
     target: Target
@@ -151,6 +205,9 @@ class Fault(Section, frozen=True, kw_only=True):
     at_s: Seconds
     for_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] | None = None
     amount: float | None = None
+    every_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] | None = None
+    since: Literal["armed", "power_on"] = "armed"
+    name: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense; the ValueError names what does."""
@@ -164,6 +221,10 @@ class Fault(Section, frozen=True, kw_only=True):
             raise ValueError(f"amount must be from {kind.least:g} to {kind.most:g} ({kind.unit}), not {self.amount}")
         if self.for_s is not None and (self.target, self.type) in _FOR_GOOD:
             raise ValueError(f"for_s has no meaning where {self.target} is {self.type}: leave it out")
+        if self.every_s is not None and (self.for_s is None or self.for_s >= self.every_s):
+            raise ValueError("every_s needs a for_s that is shorter")
+        if (self.name is not None) != (self.target == "parameter"):
+            raise ValueError("name is that of a parameter: a parameter needs one, and nothing else has one")
 
     @property
     def size(self) -> float | None:
@@ -172,11 +233,7 @@ class Fault(Section, frozen=True, kw_only=True):
 
 
 class Timeline:
-    """Time since the robot was armed.
-
-    Attributes:
-        started_ns: When that was; None before.
-    """
+    """Time since the robot was armed, which was at `started_ns`; None before."""
 
     def __init__(self, now_ns: NowNs) -> None:
         """Count on this clock once `start` was called."""
@@ -195,14 +252,10 @@ class Timeline:
 
 
 class Injection:
-    """A declared fault in one run.
-
-    Attributes:
-        at_ns: When it begins, ns after the robot was armed.
-    """
+    """A declared fault in one run, which begins `at_ns`, ns after the robot was armed."""
 
     def __init__(self, fault: Fault, timeline: Timeline, seed: str) -> None:
-        """Inject a fault on a timeline; equal seeds inject equally."""
+        """Inject a fault on a timeline, which began when the robot was armed; equal seeds inject equally."""
         self.fault = fault
         self.random = random.Random(seed)  # noqa: S311 - chance that can be repeated is what is wanted
         self.at_ns = round(fault.at_s * _NS_PER_S)
@@ -216,9 +269,12 @@ class Injection:
     @property
     def is_active(self) -> bool:
         """Whether the fault is there now."""
-        since_ns = self.since_ns
-        for_s = self.fault.for_s
-        return since_ns >= 0 and (for_s is None or since_ns < for_s * _NS_PER_S)
+        since_ns, fault = self.since_ns, self.fault
+        if since_ns < 0 or fault.for_s is None:
+            return since_ns >= 0
+        if fault.every_s is not None:
+            since_ns %= round(fault.every_s * _NS_PER_S)
+        return since_ns < fault.for_s * _NS_PER_S
 
     @property
     def since_ns(self) -> int:
@@ -236,15 +292,19 @@ class Injections:
     def __init__(self, faults: Sequence[Fault], seed: int, now_ns: NowNs) -> None:
         """Make the faults of a run; seed 0 makes each exactly when declared, others up to 20 ms later."""
         self.timeline = Timeline(now_ns)
-        self._all = [Injection(fault, self.timeline, f"{seed}/{place}") for place, fault in enumerate(faults)]
+        switched_on = Timeline(now_ns)
+        switched_on.start()
+        timelines = {"armed": self.timeline, "power_on": switched_on}
+        self._all = [Injection(fault, timelines[fault.since], f"{seed}/{place}") for place, fault in enumerate(faults)]
         offset_s = random.Random(seed).uniform(0.0, _SPREAD_S) if seed else 0.0  # noqa: S311 - as above
         for injection in self._all:
             injection.at_ns += round(offset_s * _NS_PER_S)
 
     @property
     def first_ns(self) -> int | None:
-        """When the first fault begins, ns after the robot was armed; None where there is none."""
-        return min((injection.at_ns for injection in self._all), default=None)
+        """When the first fault begins, ns after the robot was armed, 0 where before that; None where there is none."""
+        begin = (injection.at_ns if injection.fault.since == "armed" else 0 for injection in self._all)
+        return min(begin, default=None)
 
     def of(self, *targets: Target) -> list[Injection]:
         """The faults of some parts."""

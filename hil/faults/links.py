@@ -2,7 +2,7 @@
 """Links and lines that lose, spoil, repeat and delay what passes, as faults make them."""
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 from msgspec.structs import replace
@@ -13,16 +13,12 @@ from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault, LinkFront
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
-_FAULTS: Final = {"off": LinkFault.CUT, "stuck": LinkFault.QUEUE_FULL}
+_FAULTS: Final = {"off": LinkFault.CUT, "stuck": LinkFault.QUEUE_FULL, "stale": LinkFault.STALE}
 _MOST_BITS: Final = 3
 
 
 class DisturbedBus(FaultyLink):
-    """The robot's end of its bus; see `Link`.
-
-    Attributes:
-        is_dead: Whether the process behind it is: nothing that it sends arrives.
-    """
+    """The robot's end of its bus; see `Link`. Where the process behind it `is_dead`, nothing that it sends arrives."""
 
     def __init__(self, link: Link, injections: Injections, now_ns: NowNs) -> None:
         """Stand in front of `link`."""
@@ -94,6 +90,8 @@ class DisturbedBus(FaultyLink):
                 case "wrong":
                     older = self._newest.get((frame.arbitration_id, is_sent))
                     frames += [] if older is None else [replace(older, received_ns=frame.received_ns)]
+                case "swapped":
+                    frames = [replace(f, data=f.data[::-1]) for f in frames]
                 case "delayed":
                     delay_ns += round(injection.size * 1e9)
         self._remember((frame,), is_sent=is_sent)
@@ -112,11 +110,15 @@ def _spoilt(frame: Frame, injection: Injection) -> Frame:
 
 
 class DisturbedDevicesLink(LinkFront):
-    """The devices' end of the bus: an IMU that is off sends nothing, and without supply nobody does; see `Link`."""
+    """The devices' end of the bus: an IMU that is off sends nothing, and without supply nobody does; see `Link`.
+
+    `on_send` is called with each frame that they send.
+    """
 
     def __init__(self, link: Link, injections: Injections, imu_frames: Collection[tuple[int, bool]]) -> None:
         """Stand in front of `link`; `imu_frames` are the IMU's identifiers, and whether they are extended."""
         super().__init__(link)
+        self.on_send: Callable[[Frame], None] | None = None
         self._imu = [i for i in injections.of("imu") if i.fault.type in {"off", "intermittent"}]
         self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
         self._imu_frames = imu_frames
@@ -127,7 +129,10 @@ class DisturbedDevicesLink(LinkFront):
             return True
         if self._imu and (frame.arbitration_id, frame.is_extended) in self._imu_frames:
             is_lost = any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
-            return is_lost or self.behind.send(frame)
+            if is_lost:
+                return True
+        if self.on_send is not None:
+            self.on_send(frame)
         return self.behind.send(frame)
 
     def receive(self) -> list[Frame]:

@@ -15,6 +15,8 @@ _PREFIXES = {
     "right_motor": ("right.",),
     "battery": ("left.", "right."),
 }
+_EXCHANGED = (("left.", "right."), ("_x", "_y"))
+"""Parts of names, which what is exchanged differs in: the wheel, and the IMU's axis."""
 
 _VARYING = {
     *((motor, kind) for motor in ("left_motor", "right_motor") for kind in ("garbage", "intermittent", "slow")),
@@ -87,7 +89,14 @@ class _Disturbance:
     def __init__(self, injection: Injection, variables: Sequence[Variable], step_size: float) -> None:
         fault = injection.fault
         self._injection = injection
-        self._places = [place for place, v in enumerate(variables) if v.name.startswith(_PREFIXES[fault.target])]
+        names = [v.name for v in variables]
+        if fault.type == "swapped" and fault.target != "imu":
+            prefixes = _PREFIXES["battery"]
+        else:
+            prefixes = _PREFIXES[fault.target]
+        self._places = [place for place, name in enumerate(names) if name.startswith(prefixes)]
+        mine = [names[place] for place in self._places]
+        self._others = [mine.index(_other(name, mine)) for name in mine]
         self._step_size = step_size
         self._is_factor = fault.target in {"left_motor", "right_motor", "battery"}
         self._kept = [0.0] * len(self._places)
@@ -119,8 +128,8 @@ class _Disturbance:
                 return [self._wrong(value) for value in true]
             case "slow":
                 return self._slow(true)
-            case "delayed":
-                return self._past[0]
+            case "delayed" | "swapped" as kind:
+                return self._past[0] if kind == "delayed" else [true[place] for place in self._others]
             # Of an IMU it is the frames that are lost, on the bus.
             case "intermittent" if injection.fault.target == "imu" or not injection.happens():
                 return true
@@ -143,3 +152,12 @@ class _Disturbance:
         share = self._step_size / (size + self._step_size)
         self._kept = [kept + share * (value - kept) for kept, value in zip(self._kept, true, strict=True)]
         return self._kept
+
+
+def _other(name: str, names: Sequence[str]) -> str:
+    """The one that it is exchanged with; itself where there is none."""
+    for one, other in _EXCHANGED:
+        for new in (name.replace(one, other), name.replace(other, one)):
+            if new != name and new in names:
+                return new
+    return name

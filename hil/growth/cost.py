@@ -44,12 +44,7 @@ class Cost(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Point(msgspec.Struct, frozen=True, kw_only=True):
-    """A size that was tried.
-
-    Attributes:
-        cost: What a cycle costs; None where it does not run.
-        refused: Why it does not run; empty where it does.
-    """
+    """A size that was tried, with what a cycle costs there; or why it is refused, where it does not run."""
 
     axis: Axis
     size: int
@@ -88,10 +83,9 @@ def together(costs: Sequence[Cost]) -> Cost:
 
 
 class MeteredClock:
-    """Stands in front of a clock; see `Clock`.
+    """Stands in front of a clock; see `Clock`. It keeps the CPU time of the thread that waits.
 
-    Attributes:
-        taken_ns: CPU time of the thread that waits, from the end of each wait to the beginning of the next, ns.
+    `taken_ns` is that time from the end of each wait to the beginning of the next, ns.
     """
 
     def __init__(self, clock: Clock) -> None:

@@ -30,11 +30,9 @@ _LOOK_S: Final = 0.02
 
 
 class RobotCost(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot cost.
+    """What a robot cost; `late` is the share of the cycles that began late.
 
-    Attributes:
-        cpu: Share of one core that its process and the one that speaks ROS for it took, with all their threads.
-        late: Share of the cycles that began late.
+    `cpu` is the share of one core that its process and the one that speaks ROS for it took, with all their threads.
     """
 
     cost: Cost

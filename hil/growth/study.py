@@ -1,17 +1,35 @@
 # SPDX-License-Identifier: MIT
-"""The growth study: sizes on four axes, each measured; for each axis where it stops being linear; and both as text."""
+"""The growth study: sizes on four axes, each measured; where each stops being linear; and both as text and page."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from html import escape
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
+from segway_ecc.hil.figure import image, svg
 from segway_ecc.hil.growth import lock_step, real
 from segway_ecc.hil.growth.cost import Axis, LinearFit, Measured, Point, line, together
+from segway_ecc.hil.page import figure as page_figure
+from segway_ecc.hil.page import page, pairs, section, table, table_row
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.ros.runtime import missing_packages
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_TITLE: Final = "What a cycle costs as the robot grows"
+_INTRODUCTION: Final = (
+    "CPU time of the loop's thread from the end of one wait to the beginning of the next, by the number of model "
+    "ports, drives, subscribers and robots on one host. Ports and drives in lock step, where the caches are warm; "
+    "subscribers and robots in real time, with ROS and the recorder."
+)
+_P50: Final = "#2e6f9e"
+_P99: Final = "#b3261e"
+_GREY: Final = "#6b6b6b"
+_COLUMNS: Final = 2
 Measure = Callable[[int], Point]
 SIZES: Final[Mapping[Axis, Sequence[int]]] = {
     Axis.PORTS: (2, 16, 64, 128, 256, 512, 1024, 2048, 8192),
@@ -34,11 +52,7 @@ _ROUNDS: Final = dict.fromkeys(_WITH_ROS, 2)
 
 
 class AxisResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of one axis.
-
-    Attributes:
-        line: The line through the small sizes; None where fewer than three could be run.
-    """
+    """What came of one axis; `line` goes through the small sizes, None where fewer than three could be run."""
 
     axis: Axis
     points: tuple[Point, ...]
@@ -110,3 +124,55 @@ def rows(grown: AxisResult) -> list[list[str]]:
         figures = [f"{cost.p50_us:.1f}", f"{cost.p99_us:.1f}", f"{cost.spread_us:.1f}", at]
         made.append([str(point.size), *figures, *(cost.notes.get(name, "-") for name in notes)])
     return made
+
+
+def render(found: Sequence[AxisResult], facts: Mapping[str, str]) -> str:
+    """Render what was found, as a complete HTML page; `facts` are what else is known, by name."""
+    verdicts = "".join(f"<p>{escape(verdict(grown))}.</p>\n" for grown in found)
+    caption = "Median (dots, with the spread) and p99 (crosses) of each size; the line is laid through the small ones."
+    drawn = image("growth", caption, _size(found), lambda figure: _draw(figure, found))
+    shown = page_figure(caption, drawn)
+    tables = []
+    for grown in found:
+        head, *body = rows(grown)
+        tables.append(section(str(grown.axis).capitalize(), table(str(grown.axis), head, map(table_row, body))))
+    return page(
+        _TITLE,
+        _INTRODUCTION,
+        (section("Where it is linear", verdicts), section("Figure", shown), *tables, section("Facts", pairs(facts))),
+    )
+
+
+def figure(found: Sequence[AxisResult]) -> bytes:
+    """The figure alone, as SVG."""
+    return svg("growth", _size(found), lambda figure: _draw(figure, found))
+
+
+def _size(found: Sequence[AxisResult]) -> tuple[float, float]:
+    return 10.0, 3.4 * -(-len(found) // _COLUMNS)
+
+
+def _draw(figure: "Figure", found: Sequence[AxisResult]) -> None:
+    panels = figure.subplots(-(-len(found) // _COLUMNS), _COLUMNS, squeeze=False)
+    for place, panel in enumerate(panels.flat):
+        if place < len(found):
+            _panel(panel, found[place])
+        else:
+            panel.set_visible(False)
+
+
+def _panel(panel: "Axes", grown: AxisResult) -> None:
+    run = [(p.size, p.cost) for p in grown.points if p.cost is not None]
+    sizes = [size for size, _ in run]
+    spreads = [0.5 * cost.spread_us for _, cost in run]
+    panel.errorbar(sizes, [c.p50_us for _, c in run], yerr=spreads, fmt="o", color=_P50, markersize=4, capsize=2)
+    panel.plot(sizes, [c.p99_us for _, c in run], "x", color=_P99, markersize=5)
+    if grown.line is not None and sizes:
+        panel.plot([sizes[0], sizes[-1]], [grown.line(sizes[0]), grown.line(sizes[-1])], color=_GREY, linewidth=1)
+        if grown.line.left_at is not None:
+            panel.axvline(grown.line.left_at, color=_P99, linestyle="--", linewidth=1)
+    if grown.refused is not None:
+        panel.axvspan(grown.refused.size, grown.refused.size * 1.05, color="#f3d6d3", linewidth=0)
+    panel.set_ylim(bottom=0.0)
+    panel.set_xlabel(str(grown.axis))
+    panel.set_ylabel("CPU time per cycle, us")

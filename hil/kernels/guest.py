@@ -6,6 +6,7 @@ import codecs
 import contextlib
 import os
 import re
+import resource
 import secrets
 import selectors
 import shlex
@@ -98,11 +99,9 @@ class GuestError(RuntimeError):
 
 @dataclass(frozen=True)
 class GuestResult:
-    """How a command in the guest ended.
+    """How a command in the guest ended: with its own exit status, or 128 plus the number of the signal that ended it.
 
-    Attributes:
-        exit_status: The command's own; 128 plus the signal's number where a signal ended it.
-        output: What it wrote to standard output and standard error, as one text.
+    The output is what it wrote to standard output and standard error, as one text.
     """
 
     exit_status: int
@@ -159,12 +158,9 @@ def missing_programs(packages: Mapping[str, str]) -> list[str]:
 
 @contextlib.contextmanager
 def prepared_task(command: Sequence[str], settings: Mapping[str, str], options: GuestOptions) -> Iterator[GuestTask]:
-    """Write a task to a folder of its own, which goes when the guest has ended.
+    """Write a task, a program and its arguments, to a folder of its own, which goes when the guest has ended.
 
-    Args:
-        command: The program and its arguments.
-        settings: Shell variables for the guest's first process, besides the common ones.
-        options: How the command is run.
+    `settings` are shell variables for the guest's first process, besides the common ones.
     """
     token, results = f"guest-{secrets.token_hex(8)}", options.get("results")
     if results is not None:
@@ -207,8 +203,10 @@ def run_task(task: GuestTask, kernel: Sequence[str], variables: Mapping[str, str
         GuestError: The guest ran out of time, or ended without an exit status.
     """
     # setpriv: the guest must not outlive this process, even one that is killed. TERM, since a kernel in user mode
-    # then ends its helper processes too.
-    words = ["setpriv", "--pdeathsig", "TERM", *kernel]
+    # then ends its helper processes too. prlimit: in user mode it keeps each file open that the guest has looked at,
+    # and users have 1,024 unless they ask for more.
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    words = ["setpriv", "--pdeathsig", "TERM", "prlimit", f"--nofile={most}:{most}", *kernel]
     with subprocess.Popen(  # noqa: S603 - the arguments are ours, and no shell reads them
         words,
         stdin=subprocess.DEVNULL,
@@ -244,15 +242,10 @@ def command_line(
     arguments: Sequence[str] | None,
     run: Callable[[argparse.Namespace, Sequence[str], GuestOptions], GuestResult],
 ) -> int:
-    """Run the command line of a kind of guest.
+    """Run the command line of a kind of guest; returns the command's exit status, or 125 where the guest itself failed.
 
-    Args:
-        parser: Knows the options of that kind; those that all kinds have are added here.
-        arguments: The command line's words, or None for those of this process.
-        run: Runs the command, the words after --, with these options.
-
-    Returns:
-        The exit status of the command in the guest, or 125 where the guest itself failed.
+    The parser knows the options of that kind; those that all kinds have are added here. `run` runs the command, the
+    words after --, with these options; without arguments they are those of this process.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser.usage = "%(prog)s [options] -- COMMAND..."

@@ -86,9 +86,8 @@ def cpio_archive(entries: Iterable[ArchiveEntry]) -> bytes:
 def modules_in_order(folder: Path, names: Sequence[str]) -> list[Path]:
     """Return the files of kernel modules and of all that they need, in the order in which they can be loaded.
 
-    Args:
-        folder: The kernel's module folder, with the lists that depmod(8) wrote.
-        names: File names without endings. One that is built into the kernel needs no file.
+    The kernel's module folder has the lists that depmod(8) wrote; the names have no endings. One that is built into the
+    kernel needs no file.
 
     Raises:
         ValueError: The kernel has no such module.
@@ -126,11 +125,7 @@ def is_static(program: bytes) -> bool:
 
 
 def available() -> str | None:
-    """Check whether this machine can run a guest.
-
-    Returns:
-        None when it can, else one line: what is missing and the Debian command that installs it.
-    """
+    """Check whether this machine can run a guest: None when it can, else what is missing and how to install it."""
     missing = {program: _PACKAGES[program] for program in missing_programs(_PACKAGES)}
     if "busybox" not in missing and not is_static(_busybox()):
         missing["a busybox that needs no libraries"] = _PACKAGES["busybox"]

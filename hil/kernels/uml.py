@@ -66,11 +66,7 @@ def _compile(source: bytes, folder: Path) -> None:
 
 
 def available() -> str | None:
-    """Check whether this machine can run a guest.
-
-    Returns:
-        None when it can, else one line: what is missing and the Debian command that installs it.
-    """
+    """Check whether this machine can run a guest: None when it can, else what is missing and how to install it."""
     for program in missing_programs(_PACKAGES):
         return f"{program} is not installed: sudo apt-get install {_PACKAGES[program]}"
     for module in _NEEDED_MODULES:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Measures the latency here, from a set-point to its motor frame.
 
-Node, plant and publisher are in processes of their own, and this process is on the bus.
+Node, plant and publisher are in processes of their own, and this process is on the bus. The publisher may be on
+another host: a network namespace at the other end of a wire of its own.
 """
 
 import contextlib
@@ -9,12 +10,14 @@ import enum
 import importlib.resources
 import math
 import os
+import shutil
+import subprocess
 import tempfile
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import can
 import msgspec
@@ -25,8 +28,12 @@ from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.latency.setpoints import MOST, STEP, Echo, Timed
 from segway_ecc.hil.processes import command, last_lines, module_words, own_ros_domain, program
 from segway_ecc.node.cycle.real_time import real_time_priority
+from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.runtime import require_ros
 
+_HERE: Final = "198.18.98.1"
+_THERE: Final = "198.18.98.2"
+"""Of the addresses for benchmarks (RFC 2544), which no network has in use."""
 ALLOWED_S: Final = 1e-3
 """What a set-point may take beyond one period of the loop, s."""
 _NS_PER_S: Final = 1e9
@@ -66,11 +73,6 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
     max_s: float
 
     @property
-    def p99_periods(self) -> float:
-        """99 of 100 in periods of the loop."""
-        return self.p99_s / self.period_s
-
-    @property
     def limit_s(self) -> float:
         """What is required where robot and publisher are on one host, s."""
         return self.period_s + ALLOWED_S
@@ -85,8 +87,8 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
         values = (("p50", self.p50_s), ("p99", self.p99_s), ("max", self.max_s))
         ms = ", ".join(f"{name} {value * 1e3:.2f} ms" for name, value in values)
         return (
-            f"{self.where}, actuate {self.actuate}: {ms} ({self.p99_periods:.2f} periods at p99) of {self.trials} "
-            f"set-points, {self.missed} missed"
+            f"{self.where}, actuate {self.actuate}: {ms} ({self.p99_s / self.period_s:.2f} periods at p99) "
+            f"of {self.trials} set-points, {self.missed} missed"
         )
 
     @classmethod
@@ -209,3 +211,53 @@ def _listen(bus: can.BusABC, is_over: Callable[[], bool]) -> list[Timed]:
             if isinstance(payload, WheelCommand):
                 seen.append(Timed(round(payload.left_voltage / STEP), at_ns))
     return seen
+
+
+class OtherHost(NamedTuple):
+    """How to run a program there: what begins its command line, and an environment.
+
+    With that it and whoever is here find each other in ROS, and nobody else.
+    """
+
+    prefix: Sequence[str]
+    environment: Mapping[str, str]
+
+
+def other_host_lacks() -> str | None:
+    """What it takes and is not here; None where nothing lacks."""
+    if os.geteuid() != 0:
+        return "only root may make one (a network namespace)"
+    return None if shutil.which("ip") else "no ip command (sudo apt-get install iproute2)"
+
+
+@contextlib.contextmanager
+def other_host() -> Iterator[OtherHost]:
+    """Have one while the context lasts.
+
+    Raises:
+        ConfigurationError: The kernel does not make one.
+    """
+    name, ours, theirs = f"ecc{os.getpid()}", f"eccr{os.getpid()}", f"eccs{os.getpid()}"
+    inside = ["ip", "netns", "exec", name]
+    peers = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": f"{_HERE};{_THERE}"}
+    with contextlib.ExitStack() as stack:
+        stack.callback(_run, ["ip", "netns", "delete", name])
+        stack.callback(_run, ["ip", "link", "delete", ours])
+        for words in (
+            ["ip", "netns", "add", name],
+            ["ip", "link", "add", ours, "type", "veth", "peer", "name", theirs],
+            ["ip", "link", "set", theirs, "netns", name],
+            ["ip", "address", "add", f"{_HERE}/30", "dev", ours],
+            ["ip", "link", "set", ours, "up"],
+            [*inside, "ip", "address", "add", f"{_THERE}/30", "dev", theirs],
+            [*inside, "ip", "link", "set", "lo", "up"],
+            [*inside, "ip", "link", "set", theirs, "up"],
+        ):
+            done = _run(words)
+            if done.returncode != 0:
+                raise ConfigurationError(f"no other host to be had: {' '.join(words)}: {done.stderr.strip()}")
+        yield OtherHost(inside, peers)
+
+
+def _run(words: Sequence[str]) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no shell reads our words

@@ -64,12 +64,7 @@ class Timed(NamedTuple):
 def publish_all(count: int, period_s: float, send: Callable[[float], None]) -> list[Timed]:
     """Publish so many set-points at random phases of the loop, two to three periods apart: none overtakes another.
 
-    Each is another number, its time noted before it is published.
-
-    Args:
-        count: How many, up to `MOST`.
-        period_s: Of the loop, s.
-        send: Publishes one, m/s.
+    There are up to `MOST`, each another number, its time noted before `send` publishes it, m/s.
     """
     chance = random.Random(1)  # noqa: S311 - chance that can be repeated is what is wanted
     published = []

@@ -6,25 +6,27 @@ to the node by a stage, and time is given.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
-from typing import Any, Final, NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from segway_ecc.deploy.station.fleet import Heartbeats
 from segway_ecc.deploy.station.requests import AGAIN_NS
 from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.drives.stopper import Meaning, Stopper
 from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
-from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
 from segway_ecc.hil.faults.fault import Injections
-from segway_ecc.hil.parallel import quiet
-from segway_ecc.hil.placement.judging import FALLEN_RAD, PhaseRecorder, RunRecord
+from segway_ecc.hil.placement.judging import FALLEN_RAD, PostureRecorder, RunRecord
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network, RemoteLink
 from segway_ecc.hil.placement.results import Placement
+from segway_ecc.hil.processes import quiet
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulation import WALL_START_NS, LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
@@ -38,6 +40,7 @@ START_S: Final = 3.0
 """When the manoeuvre begins, s of simulated time: by then it has stood up, if it ever does."""
 STATION: Final = "station"
 _NS_PER_S: Final = 1_000_000_000
+_REPORTS: Final = frozenset({Meaning.ON, Meaning.OFF})
 
 
 class NodeReport(NamedTuple):
@@ -47,63 +50,58 @@ class NodeReport(NamedTuple):
     mode: Mode
 
 
-Message = StampedSetpoint | Heartbeat | Action
+class Introduction(NamedTuple):
+    """A base station that is to watch over the robot from now on; its heartbeats count when this has arrived."""
+
+    station: str
 
 
-class Program(Protocol):
-    """A program that exchanges messages with the model node, over a network or not."""
-
-    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
-        """What it sends now, simulated ns, after the reports received since the last step."""
+Message = StampedSetpoint | Heartbeat | Introduction | Action
 
 
-class UnstampedSequence:
-    """Sequence control that sends each set-point when its time has come by its own clock, as on `cmd_vel`."""
+Program = Callable[[int, Sequence[NodeReport]], Sequence[Message]]
+"""Exchanges messages with the model node, over a network or not.
 
-    def __init__(self, manoeuvre: Manoeuvre, start_ns: int) -> None:
-        """Play from a simulated time on."""
-        self._schedule = [(start_ns + due.offset_ns, due.setpoint) for due in schedule(manoeuvre)]
-        self._next = 0
-
-    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
-        """See `Program.step`."""
-        del reports
-        first = self._next
-        while self._next < len(self._schedule) and self._schedule[self._next][0] <= now_ns:
-            self._next += 1
-        return [StampedSetpoint(setpoint, None) for _, setpoint in self._schedule[first : self._next]]
+It gives what it sends at a time, simulated ns, after the reports received since it was last called.
+"""
 
 
-class StampedSequence:
-    """Sequence control that sends each set-point ahead, with the robot's own time for it, as on `cmd_vel_stamped`."""
+def sequence_program(manoeuvre: Manoeuvre, start_ns: int, *, stamped: bool) -> Program:
+    """Sequence control that sends each set-point ahead, with the robot's own time for it, as on `cmd_vel_stamped`.
 
-    def __init__(self, manoeuvre: Manoeuvre, start_stamp_ns: int) -> None:
-        """Play from a time of the robot's on."""
-        self._schedule = deque((start_stamp_ns + due.offset_ns, due.setpoint) for due in schedule(manoeuvre))
+    Or, where not `stamped`, when its time has come by its own clock, as on `cmd_vel`. It plays from `start_ns` on: the
+    robot's time where `stamped`, else simulated time.
+    """
+    pending = deque((start_ns + due.offset_ns, due.setpoint) for due in schedule(manoeuvre))
 
-    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
-        """See `Program.step`."""
-        del now_ns
-        due: list[Message] = []
-        until_ns = reports[-1].stamp_ns + LEAD_NS if reports else 0
-        while self._schedule and self._schedule[0][0] <= until_ns:
-            stamp_ns, setpoint = self._schedule.popleft()
-            due.append(StampedSetpoint(setpoint, stamp_ns))
-        return due
+    def step(now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
+        if stamped:
+            now_ns = reports[-1].stamp_ns + LEAD_NS if reports else 0
+        sent: list[Message] = []
+        while pending and pending[0][0] <= now_ns:
+            at_ns, setpoint = pending.popleft()
+            sent.append(StampedSetpoint(setpoint, at_ns if stamped else None))
+        return sent
+
+    return step
 
 
 class Supervisor:
-    """Beats, and from a time on asks for a stop until the node reports that it has stopped."""
+    """Introduces itself, beats, and from a time on asks for a stop until the node reports that it has stopped."""
 
     def __init__(self, stop_ns: int | None) -> None:
         """Press stop at a simulated time; None for never."""
         self._heartbeats = Heartbeats(STATION)
         self._again_ns = stop_ns
+        self._is_introduced = False
 
-    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
-        """See `Program.step`."""
+    def __call__(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
+        """See `Program`."""
         beat_ns = self._heartbeats.due(now_ns)
         messages: list[Message] = [] if beat_ns is None else [Heartbeat(STATION, beat_ns)]
+        if not self._is_introduced:
+            self._is_introduced = True
+            messages.append(Introduction(STATION))
         if self._again_ns is None or now_ns < self._again_ns:
             return messages
         if any(report.mode is Mode.FAULT for report in reports):
@@ -114,11 +112,9 @@ class Supervisor:
 
 
 class ProgramChannels(NamedTuple):
-    """The way between a program and the model node.
+    """The way `to` the model node from a program, and `back` with its reports.
 
-    Attributes:
-        to: Messages of the program. What only the newest of matters has its own channel.
-        back: Reports of the node.
+    What only the newest of matters, of the program's messages, has its own channel.
     """
 
     to: Channel[Message]
@@ -140,7 +136,7 @@ class ProgramsStage(NoStage):
         inbox, now_ns = Inbox(), self._now_ns()
         for program, way in self._programs:
             reports = [message.item for message in way.back.receive()]
-            for message in program.step(now_ns, reports):
+            for message in program(now_ns, reports):
                 (way.beats if isinstance(message, Heartbeat) else way.to).send(message)
             for arrived in (*way.to.receive(), *way.beats.receive()):
                 match arrived.item:
@@ -148,6 +144,8 @@ class ProgramsStage(NoStage):
                         inbox.setpoints.append(setpoint)
                     case Heartbeat() as beat:
                         inbox.stations.append(beat)
+                    case Introduction(station):
+                        inbox.introductions.append(station)
                     case action:  # whose answer nobody waits for: the mode shows it
                         inbox.requests.append(Request(action, lambda _answer: None))
         return inbox
@@ -158,18 +156,30 @@ class ProgramsStage(NoStage):
             way.back.send(NodeReport(report.stamp_ns, report.mode))
 
 
-class NoHeartbeats:
-    """Nobody beats: a node on the other side of a network cannot, and its commands are on the bus. See `Beats`."""
+class CrossingHeartbeats(LinkFront):
+    """The guard's bus, and heartbeats that cross the network with the node's commands; see `HeartbeatSource`."""
 
-    def open(self) -> None:
-        """There is nothing to open."""
+    def __init__(self, link: Link, stopper: Stopper) -> None:
+        """Take a heartbeat for each command on `link`."""
+        super().__init__(link)
+        self._stopper = stopper
+        self._beats: list[bool] = []
+
+    def receive(self) -> list[Frame]:
+        """Take what has arrived; see `Link.receive`."""
+        frames = super().receive()
+        observed = (self._stopper.read(frame) for frame in frames)
+        commands = (each.meaning for each in observed if each is not None and each.meaning not in _REPORTS)
+        self._beats += [meaning is not Meaning.DISABLE for meaning in commands]
+        return frames
 
     def take_heartbeats(self) -> Iterator[bool]:
-        """None has arrived."""
-        return iter(())
+        """Those of the commands that have been received."""
+        beats, self._beats = self._beats, []
+        return iter(beats)
 
-    def close(self) -> None:
-        """There is nothing to close."""
+    def answer(self, stops: str) -> None:
+        """Nobody is told."""
 
 
 class LockstepGuard:
@@ -177,10 +187,11 @@ class LockstepGuard:
 
     def __init__(self, settings: HardwareSettings, rig: LockstepRig) -> None:
         """Guard the drives on the bus of `rig`."""
-        self.watch = Watch(stopper_of(settings), rig.now_ns())
+        stopper = stopper_of(settings)
+        self.watch = Watch(stopper, rig.now_ns())
         self.next_ns = 0
-        ears, voice = rig.bus.attach("guard's ears"), rig.bus.attach("guard's voice")
-        self._guard = Guard(ears, voice, NoHeartbeats(), self.watch, rig)
+        beats = CrossingHeartbeats(rig.bus.attach("guard"), stopper)
+        self._guard = Guard(beats, beats, self.watch, rig)
 
     def act(self) -> None:
         """One pass."""
@@ -219,7 +230,7 @@ def run(job: PlacementRun) -> RunRecord:
     """Run a job, without the messages of node and hardware.
 
     Raises:
-        ConfigurationError: The robot has no hardware, or its model no phases.
+        ConfigurationError: The robot has no hardware, or no posture.
     """
     return _LockstepPlacement(job).run()
 
@@ -251,11 +262,10 @@ class _LockstepPlacement:
     def run(self) -> RunRecord:
         """Run it."""
         robot = self._robot
-        outputs = [variable.name for variable in robot.model.outputs]
-        if "Phase" not in outputs:
-            raise ConfigurationError(f"robot '{self._job.robot}' has no output Phase: it is no segway")
-        phases = PhaseRecorder(outputs.index("Phase"), robot.period_ns)
-        watch = NodeWatch(self._injections, robot.hardware, phases)
+        if robot.file.safety is None or robot.file.safety.posture is None:
+            raise ConfigurationError(f"robot '{self._job.robot}' has no safety.posture: it is no segway")
+        postures = PostureRecorder(robot.period_ns)
+        watch = NodeWatch(self._injections, robot.hardware, postures)
         loop = robot.loop(self._world, watch)
         watch.modes = loop.modes
         self._end.open()
@@ -267,7 +277,7 @@ class _LockstepPlacement:
         return RunRecord(
             truth=self._truth,
             changes=[change._replace(at_ns=change.at_ns + armed_ns) for change in watch.changes],
-            phases=phases.phases,
+            postures=postures.postures,
             zero_s=None if drive.is_pushing else (armed_ns + drive.last_push_ns + tick_ns) / _NS_PER_S,
             guard_s=guard[0].first_ns / _NS_PER_S if guard else None,
             digest=drive.digest,
@@ -285,13 +295,10 @@ class _LockstepPlacement:
 
     def _make_world(self) -> ProgramsStage:
         job, start_ns = self._job, round(START_S * _NS_PER_S)
-        sequence: Program = (
-            StampedSequence(job.manoeuvre, WALL_START_NS + start_ns)
-            if job.stamped
-            else UnstampedSequence(job.manoeuvre, start_ns)
-        )
+        since_ns = WALL_START_NS + start_ns if job.stamped else start_ns
+        sequence = sequence_program(job.manoeuvre, since_ns, stamped=job.stamped)
         supervisor = Supervisor(None if job.stop_at_s is None else round(job.stop_at_s * _NS_PER_S))
-        ways = [
+        ways: list[tuple[Program, ProgramChannels]] = [
             (sequence, self._way("sequence", crosses=job.placement.sequence_crosses)),
             (supervisor, self._way("supervision", crosses=job.placement.supervision_crosses)),
         ]

@@ -12,7 +12,6 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.parallel import results_of
 from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
 from segway_ecc.hil.placement.judging import (
     UPRIGHT,
@@ -39,6 +38,7 @@ from segway_ecc.hil.placement.results import (
     Stop,
     StudyResult,
 )
+from segway_ecc.hil.processes import results_of
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -110,13 +110,7 @@ _ORDERED: Final = (Size.JITTER, Size.LOSS)
 
 
 class LimitSearch(msgspec.Struct, frozen=True, kw_only=True):
-    """A search.
-
-    Attributes:
-        size: What is made larger.
-        delivery: What becomes of messages that are lost or overtaken.
-        theory: What theory gives for the limit; None where it gives nothing.
-    """
+    """What is made larger, what becomes of messages lost or overtaken, and the limit by theory, None where unknown."""
 
     robot: str
     size: Size
@@ -264,10 +258,7 @@ def cells(plan: StudyPlan, network: str) -> Iterator[Row]:
 def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
     """Run a plan; what is found is the same bits whatever `jobs` is.
 
-    Args:
-        plan: What to run.
-        jobs: How many processes run at a time; 1 for this one alone.
-        on_progress: Called after each task.
+    So many processes run at a time, 1 for this one alone; `on_progress` is called after each task.
     """
     todo = tasks(plan)
     everything: list[Found] = []
@@ -307,7 +298,7 @@ def stop(cell: Row, seeds: Sequence[int]) -> Stop:
         before = seen._replace(
             truth=[at for at in seen.truth if at.time < pressed_s],
             changes=[change for change in seen.changes if change.at_ns < pressed_s * 1e9],
-            phases=[phase for phase in seen.phases if phase[0] < pressed_s],
+            postures=[posture for posture in seen.postures if posture[0] < pressed_s],
         )
         outcome = outcome_of(before, START_S)
         outcomes.append(outcome)

@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from segway_ecc.firmware_io.guard.watch import Cause
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
-from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 
 FALLEN_RAD: Final = 0.9 * PUBLISHED.stop_angle
 """A body that leans this far is about to lie."""
@@ -21,24 +22,18 @@ _CALM_FOR_S: Final = 1.0
 _NS_PER_S: Final = 1_000_000_000
 
 
-class PhaseRecorder(NoRecorder):
-    """Keeps when the model entered each phase; see `Recorder`.
+class PostureRecorder(NoRecorder):
+    """Keeps when the robot entered each posture, simulated time, s, oldest first; see `Recorder`."""
 
-    Attributes:
-        phases: Simulated time, s, and phase, oldest first.
-    """
-
-    def __init__(self, place: int, period_ns: int) -> None:
-        """Find the phase at a place among the model's outputs."""
-        self.phases: list[tuple[float, Phase]] = []
-        self._place = place
+    def __init__(self, period_ns: int) -> None:
+        """Keep those of a robot with this period, ns."""
+        self.postures: list[tuple[float, Posture]] = []
         self._period_s = period_ns * 1e-9
 
     def write(self, record: CycleRecord) -> None:
         """Look at a cycle."""
-        phase = Phase(round(record.y[self._place]))
-        if not self.phases or phase is not self.phases[-1][1]:
-            self.phases.append((record.cycle * self._period_s, phase))
+        if record.posture is not None:
+            self.postures.append((record.cycle * self._period_s, record.posture.posture))
 
 
 class RunRecord(NamedTuple):
@@ -54,7 +49,7 @@ class RunRecord(NamedTuple):
 
     truth: Sequence[Truth]
     changes: Sequence[Change]
-    phases: Sequence[tuple[float, Phase]]
+    postures: Sequence[tuple[float, Posture]]
     zero_s: float | None
     guard_s: float | None
     digest: str
@@ -71,12 +66,12 @@ class RunRecord(NamedTuple):
         """When it lay down though it was not sitting down, after a time; None where it never did."""
         for at in self.since(start_s):
             if abs(at.pitch) > FALLEN_RAD:
-                return at.time if self.phase_at(at.time) is not Phase.SITTING_DOWN else None
+                return at.time if self.posture_at(at.time) is not Posture.SITTING_DOWN else None
         return None
 
-    def phase_at(self, time_s: float) -> Phase:
-        """What the model was doing at a time."""
-        return [Phase.RESTING, *(phase for at_s, phase in self.phases if at_s <= time_s)][-1]
+    def posture_at(self, time_s: float) -> Posture:
+        """What the robot was doing at a time."""
+        return [Posture.RESTING, *(posture for at_s, posture in self.postures if at_s <= time_s)][-1]
 
     @property
     def end_s(self) -> float:
@@ -92,7 +87,7 @@ class RunRecord(NamedTuple):
             for at in self.since(self.end_s - _CALM_FOR_S)
             for value, limit in zip((at.pitch, at.pitch_rate, at.linear_velocity), _CALM, strict=True)
         )
-        return is_still and self.phase_at(self.end_s) is Phase.BALANCING and mode in (Mode.ARMED, Mode.HOLD)
+        return is_still and self.posture_at(self.end_s) is Posture.BALANCING and mode in (Mode.ARMED, Mode.HOLD)
 
 
 @enum.unique
@@ -136,10 +131,10 @@ def _rms(values: Sequence[float]) -> float:
 def outcome_of(seen: RunRecord, start_s: float) -> RunOutcome:
     """What came of a run whose manoeuvre began at `start_s`; the worst counts."""
     after = [change.mode for change in seen.changes if change.at_ns >= start_s * _NS_PER_S]
-    is_sitting = any(phase is Phase.SITTING_DOWN for at_s, phase in seen.phases if at_s >= start_s)
+    is_sitting = any(posture is Posture.SITTING_DOWN for at_s, posture in seen.postures if at_s >= start_s)
     if not seen.changes:
         return RunOutcome.NEVER_ARMED
-    if seen.phase_at(start_s) is not Phase.BALANCING:
+    if seen.posture_at(start_s) is not Posture.BALANCING:
         return RunOutcome.NEVER_STOOD
     if seen.fell_s(start_s) is not None:
         return RunOutcome.FELL
@@ -153,7 +148,7 @@ def reason_of(seen: RunRecord, since_s: float = 0.0) -> str:
     changes = [c for c in seen.changes if c.mode is not Mode.ARMED and c.at_ns >= since_s * _NS_PER_S]
     reasons = [(change.at_ns / _NS_PER_S, shortened(change.reason)) for change in changes]
     if seen.guard_s is not None:
-        reasons.append((seen.guard_s, "the guard stopped the drives: commands stopped"))
+        reasons.append((seen.guard_s, f"the guard stopped the drives: {Cause.SILENCE}"))
     return min(reasons)[1] if reasons else ""
 
 
@@ -166,7 +161,7 @@ def shortened(reason: str) -> str:
 def story(seen: RunRecord, since_s: float) -> str:
     """What the robot did by itself after a time, one thing after the other, with how much later it was."""
     events = [(c.at_ns / _NS_PER_S, f"{c.mode} ({shortened(c.reason)})") for c in seen.changes]
-    events += [(at_s, "sits down") for at_s, phase in seen.phases if phase is Phase.SITTING_DOWN]
+    events += [(at_s, "sits down") for at_s, posture in seen.postures if posture is Posture.SITTING_DOWN]
     if seen.guard_s is not None:
         events.append((seen.guard_s, "the guard stops the drives"))
     if (fell_s := seen.fell_s(since_s)) is not None:

@@ -96,11 +96,7 @@ class Arrived(NamedTuple, Generic[T]):
 
 
 class Channel(Generic[T]):
-    """One direction of one flow over a network.
-
-    Attributes:
-        lost: Those that never arrive: lost, cut off or overtaken.
-    """
+    """One direction of one flow over a network; `lost` never arrive: they are lost, cut off or overtaken."""
 
     def __init__(self, network: Network, delivery: Delivery, seed: str, now_ns: NowNs) -> None:
         """Send over `network`; `seed` is that of this flow alone, so that flows do not disturb each other's chance."""

@@ -3,10 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Final
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Final
 
 from segway_ecc.hil.figure import image
 from segway_ecc.hil.page import figure, page, pairs, section, table, table_row
@@ -23,6 +20,10 @@ from segway_ecc.hil.placement.results import (
     placements,
     tables,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _TITLE: Final = "Where to place the parts of control"
 _INTRODUCTION: Final = (
@@ -64,7 +65,7 @@ def render(found: StudyResult, facts: Mapping[str, str]) -> str:
 def _draw_distances(found: StudyResult) -> str:
     """How far off each choice is on each network."""
 
-    def draw(figure: Figure) -> None:
+    def draw(figure: "Figure") -> None:
         axes = figure.subplots()
         networks, shown = network_names(found), placements(found)
         axes.set_xlim(-0.5, len(networks) - 0.5)
@@ -84,7 +85,7 @@ def _draw_distances(found: StudyResult) -> str:
 def _draw_stops(found: StudyResult) -> str:
     """How long each stop took."""
 
-    def draw(figure: Figure) -> None:
+    def draw(figure: "Figure") -> None:
         axes = figure.subplots()
         names = network_names(found)
         for place, (title, chosen) in enumerate(_stop_groups(found.stops)):
@@ -105,7 +106,7 @@ def _draw_bounds(found: StudyResult) -> str:
     """The limits of balance control on the station that are a time."""
     times = [bound for bound in found.bounds if bound.unit == "s"]
 
-    def draw(figure: Figure) -> None:
+    def draw(figure: "Figure") -> None:
         axes = figure.subplots()
         for place, bound in enumerate(times):
             ms = bound.tolerated * 1e3
@@ -120,7 +121,7 @@ def _draw_bounds(found: StudyResult) -> str:
     return image("bounds", BOUNDS, (9.5, 1.2 + 0.5 * len(times)), draw)
 
 
-def _draw_distance(axes: Axes, drive: Drive, found: StudyResult) -> None:
+def _draw_distance(axes: "Axes", drive: Drive, found: StudyResult) -> None:
     x, y = network_names(found).index(drive.network), placements(found).index(drive.placement)
     is_up = drive.outcome in UPRIGHT
     text = f"{drive.max_position_m * 1e3:.0f} mm" if is_up else drive.outcome.value.replace(" ", "\n", 1)

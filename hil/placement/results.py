@@ -125,11 +125,9 @@ class Drive(Row, frozen=True, kw_only=True):
 
 
 class Stop(Row, frozen=True, kw_only=True):
-    """A stop that was pressed while it drove.
+    """A stop that was pressed while it drove; the outcome is the worst that had come of the robot before a press.
 
-    Attributes:
-        zero_s: From each press to the last torque, s; None where the robot lay before, or the torque went on.
-        outcome: What had come of the robot before the press, the worst of all.
+    `zero_s` is from each press to the last torque, s; None where the robot lay before, or the torque went on.
     """
 
     zero_s: tuple[float | None, ...]
@@ -143,11 +141,9 @@ class Stop(Row, frozen=True, kw_only=True):
 
 
 class Cut(Row, frozen=True, kw_only=True):
-    """A partition while it drove.
+    """A partition while it drove; `did` is what the robot did by itself, with how long after the partition began.
 
-    Attributes:
-        did: What the robot did by itself, with how long after the beginning of the partition.
-        max_position_m: Largest distance from the robot without a network, m.
+    `max_position_m` is the largest distance from the robot without a network, m.
     """
 
     partition_s: float
@@ -227,11 +223,7 @@ def overall(found: StudyResult) -> Placement | None:
 
 
 class Table(NamedTuple):
-    """A table.
-
-    Attributes:
-        rows: Its rows; the first columns identify them.
-    """
+    """A table whose first columns identify its rows."""
 
     title: str
     head: Sequence[str]
@@ -244,7 +236,6 @@ _WHICH: Final = ("sequence", "balance", "supervision", "set-points on")
 def tables(found: StudyResult) -> list[Table]:
     """Everything, as tables."""
     stops = {(s.placement, s.network): NOTHING if s.worst_s is None else f"{s.worst_s * 1e3:.0f}" for s in found.stops}
-    stopped = list(dict.fromkeys(row.placement for row in found.stops))
     cuts = [
         _marked((*c.placement, f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did))
         for c in sorted(found.cuts, key=lambda c: (c.partition_s,))
@@ -258,9 +249,7 @@ def tables(found: StudyResult) -> list[Table]:
         _drives(found, "Largest difference of the velocity ahead, m/s", lambda d: d.max_velocity_m_s),
         _drives(found, "Its root mean square, m/s", lambda d: d.rms_velocity_m_s),
         _drives(found, "Largest tilt, rad", lambda d: d.max_tilt_rad),
-        _pivot(
-            "From pressing stop to zero torque, the longest of all presses, ms", network_names(found), stopped, stops
-        ),
+        _pivot(found, "From pressing stop to zero torque, the longest of all presses, ms", stops),
         Table("Partitions while it drives", (*_WHICH, "s", "outcome", "off, m", "what the robot did by itself"), cuts),
         Table(BOUNDS, ("robot", "of what", "tolerated", "lost", "theory", "lost by"), bounds),
         Table("Recommended placement", ("network", "placement"), best),
@@ -287,15 +276,12 @@ def _drives(found: StudyResult, title: str, value: Callable[[Drive], float]) -> 
         held = "" if drive.outcome is RunOutcome.DROVE_ON else f" {drive.outcome}"
         return f"{value(drive):.3f}{held}" if is_up else drive.outcome.value
 
-    return _pivot(
-        title, network_names(found), placements(found), {(d.placement, d.network): cell(d) for d in found.drives}
-    )
+    return _pivot(found, title, {(d.placement, d.network): cell(d) for d in found.drives})
 
 
-def _pivot(
-    title: str, networks: Sequence[str], shown: Sequence[Placement], cells: dict[tuple[Placement, str], str]
-) -> Table:
+def _pivot(found: StudyResult, title: str, cells: dict[tuple[Placement, str], str]) -> Table:
     """A row for each placement, a column for each network; `cells` are by placement and name of the network."""
+    networks, shown = network_names(found), list(dict.fromkeys(placement for placement, _ in cells))
     rows = [[*placement, *(cells.get((placement, name), NOTHING) for name in networks)] for placement in shown]
     return Table(title, (*_WHICH, *networks), [_marked(row) for row in rows])
 

@@ -35,11 +35,7 @@ _TURN: Final = 2.0 * math.pi
 
 
 class Battery:
-    """A source with a resistance.
-
-    Attributes:
-        voltage: At its terminals, V.
-    """
+    """A source with a resistance; `voltage` is that at its terminals, V."""
 
     def __init__(self, parameters: SegwayParameters) -> None:
         """Charge it; nothing takes current yet."""
@@ -57,9 +53,7 @@ class Battery:
 class VoltageMotor:
     """A motor at a voltage, with the drive's limit of its current.
 
-    Attributes:
-        value: Current, A.
-        power: What it takes from the battery, W: the mean over the last move.
+    Its value is the current, A; its power what it takes from the battery, W, the mean over the last move.
     """
 
     def __init__(self, parameters: SegwayParameters, step: float) -> None:
@@ -99,9 +93,7 @@ class VoltageMotor:
 class TorqueMotor:
     """A motor in a torque loop, a first-order lag, which reaches no further than the supply's voltage.
 
-    Attributes:
-        value: Torque at the wheel, N m.
-        power: What it takes from the battery, W: the mean over the last move.
+    Its value is the torque at the wheel, N m; its power what it takes from the battery, W, the mean over the last move.
     """
 
     def __init__(self, parameters: SegwayParameters, step: float) -> None:
@@ -173,9 +165,7 @@ class ImuErrors:
 class Encoder:
     """One wheel's angle in whole counts and the speed that firmware makes of it, or without counts the true ones.
 
-    Attributes:
-        angle: rad, a whole number of counts.
-        velocity: rad/s: differences of counts through a first-order filter.
+    The angle, rad, is a whole number of counts; the velocity, rad/s, their differences through a first-order filter.
     """
 
     def __init__(self, parameters: SegwayParameters, step: float, angle: float) -> None:
@@ -227,11 +217,7 @@ _BETWEEN: Final = [_between(steps) for steps in range(MOST_STEPS + 1)]
 
 
 class Imu:
-    """Adds an IMU's errors and latency to what a perfect one shows.
-
-    Attributes:
-        delay: Its latency in whole steps.
-    """
+    """Adds an IMU's errors and latency, `delay` whole steps, to what a perfect one shows."""
 
     def __init__(self, errors: ImuErrors, step: float, seed: int, first: Sequence[float]) -> None:
         """Switch it on at step 0: it draws its errors from `seed`, and shows `first` until samples arrive."""

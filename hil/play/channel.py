@@ -6,6 +6,7 @@ And the keys that drive a robot, as a terminal sends them.
 
 import contextlib
 import enum
+import itertools
 import re
 import socket
 from collections.abc import Iterator
@@ -106,27 +107,36 @@ def channel() -> tuple[socket.socket, socket.socket]:
     return ends
 
 
-class LoopEnd:
-    """The loop's end; `is_gone` where the terminal's process has ended, `dropped` are snapshots that found no room."""
+class _End:
+    """One end; `is_gone` where the other end's process has ended."""
 
     def __init__(self, end: socket.socket) -> None:
         """Talk over `end`."""
         self.is_gone = False
-        self.dropped = 0
         self._end = end
 
-    def pressed(self) -> Iterator[Key]:
-        """The keys that were pressed since the last call, oldest first."""
-        for _ in range(_MOST_AT_ONCE):
+    def _arrived(self) -> Iterator[bytes]:
+        """The messages that have arrived, oldest first."""
+        while not self.is_gone:
             try:
-                message = self._end.recv(16)
+                message = self._end.recv(_MOST_BYTES)
             except BlockingIOError:
                 return
             except OSError:
                 message = b""
-            if not message:
-                self.is_gone = True
-                return
+            self.is_gone = not message
+            if message:
+                yield message
+
+
+class LoopEnd(_End):
+    """The loop's end; `dropped` are snapshots that found no room."""
+
+    dropped = 0
+
+    def pressed(self) -> Iterator[Key]:
+        """The keys that were pressed since the last call, oldest first."""
+        for message in itertools.islice(self._arrived(), _MOST_AT_ONCE):
             with contextlib.suppress(ValueError):
                 yield Key(message.decode("ascii", "replace"))
 
@@ -138,13 +148,8 @@ class LoopEnd:
             self.dropped += 1
 
 
-class TerminalEnd:
-    """The terminal's end; `is_gone` where the loop's process has ended."""
-
-    def __init__(self, end: socket.socket) -> None:
-        """Talk over `end`."""
-        self.is_gone = False
-        self._end = end
+class TerminalEnd(_End):
+    """The terminal's end."""
 
     def press(self, key: Key) -> None:
         """Send a key; where the loop takes none any more it is lost."""
@@ -154,15 +159,6 @@ class TerminalEnd:
     def newest(self) -> Snapshot | None:
         """The newest snapshot that has arrived; None where there is none."""
         found = None
-        while not self.is_gone:
-            try:
-                message = self._end.recv(_MOST_BYTES)
-            except BlockingIOError:
-                break
-            except OSError:
-                message = b""
-            if message:
-                found = msgspec.msgpack.decode(message, type=Snapshot)
-            else:
-                self.is_gone = True
+        for message in self._arrived():
+            found = msgspec.msgpack.decode(message, type=Snapshot)
         return found

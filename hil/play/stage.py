@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot
-from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, SetValue, Stage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Stage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+from segway_ecc.node.safety.posture import UP
 
 LINEAR_STEP: Final = 0.1
 ANGULAR_STEP: Final = 0.2
@@ -27,11 +27,6 @@ PUSH_N: Final = 50.0
 PUSH_S: Final = 0.1
 """With `PUSH_N` 5 N s: the segway of the case study recovers from 7.5 N s at rest."""
 FORCE: Final = "PushForce"
-STAND: Final = "stand"
-"""The value that anybody may set: 1 stand, 0 sit."""
-PHASE: Final = "Phase"
-"""The model's output of what it is doing, a `Phase`."""
-_UP: Final = frozenset({Phase.STANDING_UP, Phase.BALANCING})
 _SHOW_EVERY_S: Final = 0.05
 _MESSAGES: Final = 6
 _LINK_STATE: Final = re.compile(r"link\.(?:(\w+)\.)?state")
@@ -97,46 +92,12 @@ class PlantControls:
             return False
 
 
-class Posture:
-    """Has the robot stand up or sit down, where it is one that does: `can_change`.
-
-    See `segway_ecc.node.models.segway_law`.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        """Look at how a robot is wired."""
-        self.can_change = STAND in robot.wiring.set_names and PHASE in [v.name for v in robot.model.outputs]
-        self._place = robot.wiring.set_names.index(STAND) if self.can_change else 0
-        self._model = robot.model
-        self._pending: deque[float] = deque()
-
-    @property
-    def doing(self) -> str | None:
-        """What the robot is doing, in words; None where it has no phases."""
-        return self._phase.name.lower().replace("_", " ") if self.can_change else None
-
-    def change(self) -> None:
-        """Sit down where it is up, and stand up where it is down: one that gave up has to sit first."""
-        self._pending = deque((0.0,) if self._phase in _UP else (0.0, 1.0))
-
-    def take_requests(self) -> list[SetValue]:
-        """The request of this cycle: one value, since the second of two would be all that the model sees."""
-        return [SetValue(self._place, self._pending.popleft())] if self._pending else []
-
-    @property
-    def _phase(self) -> Phase:
-        return Phase(int(self._model.read(PHASE)))
-
-
 class PlayStage:
     """See `Stage`. Set-points come from the keyboard or from the stage behind: the last that sent one drives.
 
-    The keyboard's set-point is renewed while the terminal is alive: where it hangs, set-points fall silent
-    and the robot holds, as for any other driver.
-
-    Attributes:
-        messages: Notices below the view; the oldest is discarded.
-        modes: The robot's; set once its loop is there.
+    The keyboard's set-point is renewed while the terminal is alive: where it hangs, set-points fall silent and the
+    robot holds, as for any other driver. Of the messages below the view the oldest is discarded; `modes` are the
+    robot's, set once its loop is there.
     """
 
     wants_reports = True
@@ -152,7 +113,8 @@ class PlayStage:
         self._robot = robot
         self.modes = modes
         self._signals = list(robot.wiring.published)
-        self._posture = Posture(robot)
+        self._has_posture = robot.file.safety is not None and robot.file.safety.posture is not None
+        self._is_up = False
         self._has_pitch = any(v.name == PITCH for v in robot.model.outputs)
         self._show_every = max(round(_SHOW_EVERY_S * 1e9 / robot.period_ns), 1)
         self._cycles = 0
@@ -177,7 +139,6 @@ class PlayStage:
             self._press(key, inbox)
         if self._terminal.is_gone:
             self._over = self._over or "the terminal is gone"
-        inbox.values.extend(self._posture.take_requests())
         self._rig.work()
         return inbox
 
@@ -189,6 +150,7 @@ class PlayStage:
             self._wanted = self._in_force = REST  # arming again never jumps
         elif report.applied is not None:
             self._in_force = report.applied.setpoint
+        self._is_up = report.posture in UP
         if self._cycles % self._show_every == 0:
             self._terminal.show(self._snapshot(report))
         self._cycles += 1
@@ -220,14 +182,15 @@ class PlayStage:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
             case Key.ALIVE if self._is_driving and self._wanted != REST:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
-            case Key.STAND if self.modes is None or self.modes.mode not in ACTIVE:
-                _logger.info("refused: arm the robot first")
-            case Key.STAND if self._posture.can_change:
-                self._posture.change()
+            case Key.STAND if self._has_posture:
+                action = Action.SIT_DOWN if self._is_up else Action.STAND_UP
+                inbox.requests.append(Request(action, self._log_answer))
             case Key.PUSH:
                 self._rig.push()
             case Key.BREAK_BUS:
                 self._rig.toggle_bus()
+            case Key.QUIT if self._over is not None:  # at once, wherever it is on its way down
+                inbox.requests.append(Request(Action.DISARM, self._log_answer))
             case Key.QUIT:
                 self._over = "q was pressed"
             case _ if key in _ACTIONS:
@@ -253,7 +216,7 @@ class PlayStage:
             wanted_linear=self._in_force.linear_velocity if is_armed else 0.0,
             wanted_angular=self._in_force.angular_velocity if is_armed else 0.0,
             pitch=self._robot.model.read(PITCH) if self._has_pitch else None,
-            posture=self._posture.doing,
+            posture=None if report.posture is None else report.posture.lower(),
             battery={k: v for k, v in self._hardware.items() if k.endswith("bus_voltage_v")},
             links=links,
             line=self._hardware.get("link.owner"),

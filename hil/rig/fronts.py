@@ -11,6 +11,7 @@ from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 
 _PATIENCE_S: Final = 0.25
@@ -87,11 +88,7 @@ _RECEIVES = frozenset({None, LinkFault.QUEUE_FULL})
 
 
 class FaultyLink(LinkFront):
-    """A link with a fault that can be set and cleared while it runs; see `Link`.
-
-    Attributes:
-        fault: What is wrong at the moment; None while all is well.
-    """
+    """A link with a fault that can be set and cleared (None) while it runs; see `Link`."""
 
     def __init__(self, link: Link) -> None:
         """Stand in front of `link`."""
@@ -129,11 +126,8 @@ class PacedLink(LinkFront):
     """One end of a real bus whose other end is in the same process; see `Link`.
 
     `receive` returns once every frame that the other end sent has arrived, or has been given up for lost: on the
-    simulated clock the bus is then infinitely fast, however slow the kernel and its controllers are.
-
-    Attributes:
-        sent: Data frames that went out here.
-        lost: Frames of the other end that never arrived here.
+    simulated clock the bus is then infinitely fast, however slow the kernel and its controllers are. Data frames that
+    went out here are `sent`; frames of the other end that never arrived are `lost`.
     """
 
     def __init__(self, link: Link, sleep: Callable[[float], None] = time.sleep) -> None:
@@ -195,6 +189,10 @@ class RecorderFront:
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Record a set of diagnostics."""
         self._behind.write_diagnostics(stamp_ns, statuses)
+
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Record what later cycles depend on."""
+        self._behind.write_state(take)
 
     def close(self) -> None:
         """Finish the log."""

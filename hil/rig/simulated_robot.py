@@ -21,6 +21,7 @@ class SimulatedRobot:
         inputs: What the motors give the plant, in the plant's order.
         outputs: The plant's newest outputs, in the plant's order.
         stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.
+        errors: What devices measure too much, by the output's name, in its unit.
     """
 
     def __init__(self, link: Link, devices: Sequence[Device], plant: Model, tick_ns: int) -> None:
@@ -38,6 +39,7 @@ class SimulatedRobot:
         self._steps, self._ticks_per_step = _rates(plant, tick_ns)
         self._ticks = 0
         self.stuck: dict[str, float] = {}
+        self.errors: dict[str, float] = {}
         self.inputs = [0.0] * len(plant.inputs)
         self.outputs: Sequence[float] = plant.initialize(self.inputs)
         self._by_name: dict[str, float] = {}
@@ -78,7 +80,10 @@ class SimulatedRobot:
         """The outputs by name, as the devices find them; from one step of the plant to the next they are the same."""
         if self._by_name_of is not self.outputs:
             self._by_name, self._by_name_of = dict(zip(self.output_names, self.outputs, strict=True)), self.outputs
-        return {**self._by_name, **self.stuck} if self.stuck else self._by_name
+        if not self.stuck and not self.errors:
+            return self._by_name
+        wrong = {name: self._by_name[name] + error for name, error in self.errors.items()}
+        return {**self._by_name, **wrong, **self.stuck}
 
 
 def _places(devices: Sequence[Device], plant: Model) -> list[list[int]]:

@@ -56,16 +56,11 @@ def simulated_plant(file: RobotFile) -> Model:
     """
     if file.simulation is None:
         raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
-    return load_model(file.simulation.plant)
+    return load_model(file.simulation.plant, file.simulation.parameters)
 
 
 def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> SimulatedRobot:
-    """The devices that the robot file describes, with the plant that it names, at the other end of `link`.
-
-    Args:
-        file: The robot file.
-        link: The devices' end of the bus.
-        port: The drives' end of the serial line, where there is one.
+    """The devices that the robot file describes, with the plant that it names, at the other end of `link` and `port`.
 
     Raises:
         NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
@@ -104,10 +99,7 @@ def _drives(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[
 class RealTimePlant:
     """Ticks a simulated robot at its own rate until it is stopped.
 
-    A tick that comes late is made up for: the laws of physics skip nothing.
-
-    Attributes:
-        late: Ticks that came more than a whole tick late.
+    A tick that comes late is made up for: the laws of physics skip nothing. Those `late` came by more than a whole one.
     """
 
     def __init__(self, robot: SimulatedRobot, clock: Clock) -> None:

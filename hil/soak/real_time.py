@@ -17,9 +17,10 @@ from typing import Any, Final
 import msgspec
 
 from segway_ecc.hil.endurance.driving import Driver
+from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.hil.processes import command, own_ros_domain
 from segway_ecc.hil.progress import OnSeconds
-from segway_ecc.hil.soak.watching import LOG, Watching, helpers_of
+from segway_ecc.hil.soak.watching import LOG, Watching
 from segway_ecc.node.recording.log_quota import MB
 from segway_ecc.node.ros.messages import RosObject, message_type, newest_only
 from segway_ecc.node.ros.runtime import ros_node
@@ -90,7 +91,8 @@ def drive(namespace: str, duration_s: float) -> dict[str, int]:
     with ros_node("soak", namespace) as node:
 
         def subscribed(topic: str, kind: str) -> RosObject:
-            return node.create_subscription(message_type(kind), topic, _never_called, _DEPTH)
+            # Only an executor would call back.
+            return node.create_subscription(message_type(kind), topic, lambda _message: None, _DEPTH)
 
         subscriptions = [subscribed(topic, kind) for topic, kind in _TOPICS.items()]
         mode = subscribed("mode", "diagnostic_msgs/msg/DiagnosticStatus")
@@ -147,10 +149,6 @@ class _FaultClearer:
 def _taken(subscription: RosObject) -> RosObject:
     taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's signature: not raw
     return None if taken is None else taken[0]
-
-
-def _never_called(*_: RosObject) -> None:
-    """Stand in for the callbacks that only an executor would call."""
 
 
 if __name__ == "__main__":

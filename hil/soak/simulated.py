@@ -17,10 +17,11 @@ from typing import Final
 import msgspec
 
 from segway_ecc.hil.endurance.endurance import drive
+from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.rig.fronts import RecorderFront
-from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
+from segway_ecc.hil.soak.watching import LOG, Counted, Watching
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import NodeError

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: MIT
-"""Watches processes while they run, keeps what they take as series, and judges whether it grew."""
+"""Watches processes while they run, keeps what they take as series, judges whether it grew, and draws it."""
 
 import contextlib
 import itertools
 import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import msgspec
 
-from segway_ecc.hil.process_usage import children, usage
+from segway_ecc.hil.figure import svg
+from segway_ecc.hil.process_usage import usage
 from segway_ecc.node.recording.log_quota import MB, LogQuota
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_BAD: Final = "#b3261e"
+_GOOD: Final = "#2e6f9e"
+_GREY: Final = "#6b6b6b"
+_HEIGHT: Final = 1.5
+_COLUMNS: Final = 3
 WARM_UP: Final = 0.2
 """Share of the time that is not judged: caches fill, and what is used rarely is used for the first time."""
 _BINS: Final = 60
@@ -23,8 +32,6 @@ ALLOWED_KB: Final = 512.0
 at 200 Hz a byte and a half per cycle is more than that, in four hours a fifth of a byte."""
 LOG: Final = LogQuota(total_bytes=32 * MB, file_bytes=8 * MB)
 """Room for the log of a soak: small, so that files are begun, finished and removed all the time."""
-_HELPERS: Final = {"recorder": "segway_ecc.node.recording.writer", "ros": "segway_ecc.node.ros.process"}
-"""What is found in the command lines of the processes that a node starts, by what they are."""
 _NONE: Final = 0.5
 """Of what is counted in whole numbers, one more is growth."""
 
@@ -56,11 +63,9 @@ class Counted(NamedTuple):
 
 
 class Watching:
-    """Series of processes and of the folder of a log.
+    """Series of processes and of a log, in the order in which each was seen first.
 
-    Attributes:
-        series: What was seen, in the order in which it was seen first.
-        folder: That of the log, and of the messages of those who are watched.
+    The folder is that of the log, and of the messages of those who are watched.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -109,12 +114,6 @@ class Watching:
             self.series.append(made)
         self._found[key].times_s.append(time_s)
         self._found[key].values.append(value)
-
-
-def helpers_of(process: int) -> dict[str, int]:
-    """The processes that a node has started, by what they are: `recorder` and `ros`."""
-    started = children(process)
-    return {name: child for name, word in _HELPERS.items() for child, words in started.items() if word in words}
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -188,3 +187,26 @@ def theil_sen(times: Sequence[float], values: Sequence[float]) -> float:
     pairs = itertools.combinations(zip(times, values, strict=True), 2)
     slopes = [(later - value) / (then - at) for (at, value), (then, later) in pairs if then > at]
     return statistics.median(slopes) if slopes else 0.0
+
+
+def figure(series: Sequence[Series]) -> bytes:
+    """Draw every series in a panel of its own, as SVG; what grew is red."""
+    rows = -(-len(series) // _COLUMNS)
+
+    def draw(figure: "Figure") -> None:
+        panels = figure.subplots(rows, _COLUMNS, squeeze=False)
+        for panel in panels.flat[len(series) :]:
+            panel.set_visible(False)
+        for panel, one in zip(panels.flat, series, strict=False):
+            minutes = [time_s / 60.0 for time_s in one.times_s]
+            panel.plot(minutes, one.values, color=_BAD if judge(one).is_growing else _GOOD, linewidth=1)
+            panel.axvspan(minutes[0], minutes[0] + WARM_UP * (minutes[-1] - minutes[0]), color="#eeeeee", linewidth=0)
+            if one.most is not None:
+                panel.axhline(one.most, color=_GREY, linestyle="--", linewidth=1)
+            panel.set_title(f"{one.process}: {one.quantity}{f', {one.unit}' if one.unit else ''}", fontsize=9)
+            panel.tick_params(labelsize=8)
+            panel.margins(y=0.2)
+            panel.ticklabel_format(axis="y", useOffset=False)
+        figure.supxlabel("time, min; grey: the warm-up, which is not judged")
+
+    return svg("soak", (12.0, 0.6 + _HEIGHT * rows), draw)

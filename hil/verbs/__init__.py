@@ -16,6 +16,7 @@ _ROWS: Final = (
     ("prove campaign", "", "every fault scenario, against its expected outcome", "campaign"),
     ("prove fault", "can-cut", "one fault scenario in lock step", "hil"),
     ("prove kill-drill", "", "kill, stop and cut every part of a driving robot; time to zero torque", "kill-drill"),
+    ("prove inputs", "", "every kind of wrong input to a robot that runs: outcome, reason, time to zero torque", ""),
     ("prove failover", "cart-can", "lose the bus in every way; time until the serial line takes over", "failover"),
     (
         "prove endurance",

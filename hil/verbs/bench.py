@@ -14,14 +14,14 @@ import msgspec
 from segway_ecc.hil.bench import table
 from segway_ecc.hil.bench.comparison import SEARCHED, ComparisonSetup, compare, search
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.rig import choose_bus, held_conditions, missing, own_cache
+from segway_ecc.hil.bench.rig import choose_bus, held_conditions, own_cache
 from segway_ecc.hil.bench.speed import campaign_speed, links_cost, lock_step, model_step
 from segway_ecc.hil.kernels import uml
-from segway_ecc.hil.latency import other_host
-from segway_ecc.hil.latency.measure import Where, measure
+from segway_ecc.hil.latency.measure import Where, measure, other_host, other_host_lacks
 from segway_ecc.hil.verbs.proofs import check_counts
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.native.compile import missing_compiler
 from segway_ecc.node.ros.runtime import missing_packages
 
 _FULL_HOLD_S: Final = 30.0
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
             sys.stdout.write(found[name].text + "\n")
             sys.stdout.flush()
     if options.json:
-        print_json({name: part.document for name, part in found.items()})
+        print_json(options, {name: part.document for name, part in found.items()})
     judged = [claim for part in found.values() for claim in part.claims]
     return 1 if options.check and not all(claim.is_met for claim in judged) else 0
 
@@ -112,7 +112,7 @@ def _on_the_rig(
     """A part that compares programs on the bus, where there is a compiler for them."""
 
     def part(options: argparse.Namespace) -> _Part:
-        lack = missing()
+        lack = missing_compiler()
         if lack is not None:
             return _Part(None, f"comparison: {lack}")
         bus = choose_bus(options.channel, options.plant_channel)
@@ -173,7 +173,7 @@ def _latency(options: argparse.Namespace) -> _Part:
     wheres = [Where.SAME_PROCESS]
     if not missing_packages():
         wheres.append(Where.OTHER_PROCESS)
-        lack = other_host.missing()
+        lack = other_host_lacks()
         if lack is None:
             wheres.append(Where.OTHER_HOST)
         else:
@@ -182,7 +182,7 @@ def _latency(options: argparse.Namespace) -> _Part:
     with held_conditions():
         for actuate, where in itertools.product(_ACTUATE, wheres):
             if where is Where.OTHER_HOST:
-                with other_host.other_host() as (prefix, environment):
+                with other_host() as (prefix, environment):
                     one = measure(where, trials=trials, actuate=actuate, publisher=prefix, environment=environment)
             else:
                 one = measure(where, trials=trials, actuate=actuate)
@@ -195,8 +195,8 @@ def _latency(options: argparse.Namespace) -> _Part:
 
 
 def _model(_options: argparse.Namespace) -> _Part:
-    if missing() is not None:
-        return _Part(None, f"native model: {missing()}")
+    if missing_compiler() is not None:
+        return _Part(None, f"native model: {missing_compiler()}")
     cost = model_step()
     return _Part(cost, table.model_text(cost))
 

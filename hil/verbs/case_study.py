@@ -21,15 +21,16 @@ from segway_ecc.hil.case_study.seats import (
     RosSeat,
     SeatRunner,
     conduct,
-    has_compiler,
 )
 from segway_ecc.hil.case_study.study import Seat, Study, table
 from segway_ecc.hil.errors import RunFailedError
 from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.rig.simulation import hardware_of
-from segway_ecc.hil.verbs.proofs import check_counts, has_figures, writing_to
+from segway_ecc.hil.verbs.proofs import check_counts, claims_out, has_figures, writing_to
+from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import load_robot
+from segway_ecc.node.native.compile import missing_compiler
 from segway_ecc.node.ros.runtime import missing_packages
 
 NEXT: Final = (
@@ -64,6 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/case-study"), help="folder for the report and the logs")
 
 
+@ends_at_once()
+@claims_out
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, write its report, and print its table.
 
@@ -125,7 +128,7 @@ def _conduct(seats: list[Seat], folder: Path, options: argparse.Namespace) -> St
     with show_all_progress(lines=True) as on_progress:
         study = conduct([makers[seat]() for seat in seats], _facts(folder, options), on_progress, repeats)
         if Seat.CAN in seats and options.real_time:
-            study = dataclasses.replace(study, real_time=real.worst())
+            study = dataclasses.replace(study, real_time=study.real_time or real.worst())
         elif Seat.CAN in seats and options.real_time is None:
             on_progress(IN_REAL_TIME, 0, 1)
             study = dataclasses.replace(study, real_time=run_in_real_time(real, lockstep, repeats))
@@ -146,10 +149,10 @@ def _seats(names: Sequence[str] | None) -> list[Seat]:
     left_out = {}
     if missing_packages():
         left_out[Seat.ROS] = f"no ROS 2 here (no {', '.join(missing_packages())})"
-    if not has_compiler():
-        left_out[Seat.SUBMODEL] = "no C compiler here (sudo apt-get install gcc)"
+    if (lack := missing_compiler()) is not None:
+        left_out[Seat.SUBMODEL] = lack
     for seat, reason in left_out.items():
-        sys.stderr.write(f"segway-ecc: {reason}: the {seat} seat is left out\n")
+        sys.stderr.write(f"segway-ecc: the {seat} seat is left out: {reason}\n")
     return [seat for seat in Seat if seat not in left_out]
 
 

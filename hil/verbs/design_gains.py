@@ -86,7 +86,9 @@ def with_parameters(text: str, parameters: Mapping[str, float]) -> str:
     if section is None:
         raise ConfigurationError("the robot file has no block `model:` to put gains into; lay it out as segway.yaml is")
     lines = "".join(f"    {name}: {value!r}\n" for name, value in parameters.items())
-    body = _PARAMETERS.sub("", section.group(2)) + f"  parameters:\n{lines}"
+    block = f"  parameters:\n{lines}"
+    body, count = _PARAMETERS.subn(lambda _: block, section.group(2))
+    body = body if count else body + block
     changed = text[: section.start(2)] + body + text[section.end(2) :]
     if decode_yaml(changed, RobotFile, "the robot file with gains").model.parameters != dict(parameters):
         raise ConfigurationError("gains cannot be put into this robot file; lay its `model:` out as segway.yaml's is")

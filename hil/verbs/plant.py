@@ -13,10 +13,18 @@ from typing import IO
 from segway_ecc.firmware_io.build import can_link, serial_of
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl, trace_writer
-from segway_ecc.hil.pseudo_terminal import PtyPort
+from segway_ecc.hil.rig.simulated_serial import PtyPort
 from segway_ecc.hil.rig.simulation import Observer, RealTimePlant, Trace, hardware_of, simulated_robot
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, add_robot, print_found, real_time, robot_file, stopped_by_signals
+from segway_ecc.node.cli.options import (
+    add_json,
+    add_robot,
+    output_of,
+    print_found,
+    real_time,
+    robot_file,
+    stopped_by_signals,
+)
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
@@ -33,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--control",
         action="store_true",
-        help="take faults from standard input (mute, cut, freeze WHAT, heal, write NAME VALUE), until that ends",
+        help="take faults from standard input until it ends: "
+        "mute, cut, freeze WHAT, add WHAT AMOUNT, heal, write NAME VALUE",
     )
 
 
@@ -54,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         if options.control:
             obey = PlantControl(plant.robot, link, plant.robot.plant, clock).obey
             # The plant ends with whoever controls it.
-            reader = LineReader(sys.stdin.fileno(), sys.stdout.fileno(), obey, plant.stop)
+            reader = LineReader(sys.stdin.fileno(), output_of(options).fileno(), obey, plant.stop)
             control = stack.enter_context(contextlib.closing(reader))
         plant.robot.link.open()
         _logger.info("plant of '%s' on %s", options.robot, link.description)

@@ -69,6 +69,7 @@ def run(options: argparse.Namespace) -> int:
         stage = _stage(stack, options, robot, rig, LoopEnd(ours))
         loop = robot.loop(stage, NoRecorder())
         stage.modes = loop.modes
+        loop.sits_down_first = True
         stack.enter_context(_terminal(ours, theirs))
         stack.enter_context(messages_to(_Notices(stage)))
         with stopped_by_signals(loop.stop), real_time():
@@ -117,7 +118,9 @@ def _terminal(ours: socket.socket, theirs: socket.socket) -> Iterator[None]:
     """The terminal's process; the terminal is as it was before when the context is left, whatever happened to it."""
     before = termios.tcgetattr(sys.stdin.fileno())
     process = subprocess.Popen(  # noqa: S603 - our own module, and no shell reads it
-        [sys.executable, "-P", "-m", "segway_ecc.hil.play.terminal", str(theirs.fileno())], pass_fds=[theirs.fileno()]
+        [sys.executable, "-P", "-m", "segway_ecc.hil.play.terminal", str(theirs.fileno())],
+        pass_fds=[theirs.fileno()],
+        stdout=sys.stdout,
     )
     theirs.close()
     try:

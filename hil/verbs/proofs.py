@@ -3,6 +3,8 @@
 
 import argparse
 import contextlib
+import fcntl
+import functools
 import importlib.util
 import os
 import sys
@@ -45,15 +47,29 @@ def check_counts(options: argparse.Namespace, *names: str) -> None:
             raise ConfigurationError(f"--{name} must be at least 1, not {value}")
 
 
-def make_folder(folder: Path | None) -> None:
-    """Make it before the work is done for nothing; None is none to make.
+def claims_out(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """Have a verb make the folder of its `--out`, if any, before it begins, and be the only one that writes there.
 
     Raises:
-        ConfigurationError: It cannot be made.
+        ConfigurationError: It cannot be written to, or another study writes there.
     """
-    if folder is not None:
-        with writing_to(folder):
-            folder.mkdir(parents=True, exist_ok=True)
+
+    @functools.wraps(run)
+    def claiming(options: argparse.Namespace) -> int:
+        if options.out is None:
+            return run(options)
+        with contextlib.ExitStack() as stack:
+            with writing_to(options.out):
+                options.out.mkdir(parents=True, exist_ok=True)
+                lock = stack.enter_context((options.out / ".lock").open("a"))
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    text = f"another study writes to {options.out}: wait for its end, or choose another --out"
+                    raise ConfigurationError(text) from None
+            return run(options)
+
+    return claiming
 
 
 @contextlib.contextmanager
@@ -80,13 +96,9 @@ def has_figures() -> bool:
 def write_report(
     folder: Path | None, name: str, document: object, draw: Callable[[], Mapping[str, str | bytes]]
 ) -> None:
-    """Write what was found as `name`.json, and the page or figures where those can be drawn.
+    """Write what a study found as `name`.json into a folder that is there, with its figures; into None, nothing.
 
-    Args:
-        folder: A folder that is there; None writes nothing.
-        name: Of the study.
-        document: What it found, as JSON has it.
-        draw: Makes the files of the report, by name; called only where figures can be drawn.
+    `draw` makes the page or figures, by file name; it is called only where figures can be drawn.
 
     Raises:
         ConfigurationError: It cannot be written.

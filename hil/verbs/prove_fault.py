@@ -6,11 +6,16 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.campaign.result import details
 from segway_ecc.hil.campaign.run import run_scenario
-from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun, check_parameter, load_scenario, packaged_scenarios
+from segway_ecc.hil.campaign.scenario import (
+    ScenarioRun,
+    check_parameter,
+    details,
+    load_all,
+    load_scenario,
+)
 from segway_ecc.node.cli.options import add_json, print_found
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, plain_number
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the scenario and print what came of it: 0 as expected, 1 not."""
     if options.list:
-        scenarios: dict[str, Scenario] = {name: load_scenario(name) for name in packaged_scenarios()}
+        scenarios = dict(load_all([]))
         listed = {name: f"{scenario.expect.outcome}: {scenario.about}" for name, scenario in scenarios.items()}
         print_found(options, msgspec.to_builtins(list(scenarios.values())), listed)
         return 0
@@ -64,7 +69,10 @@ def parameters_of(words: list[str]) -> dict[str, float]:
         name, _, value = word.partition("=")
         try:
             check_parameter(name)
-            parameters[name] = float(value)
+            number = plain_number(value)
         except ValueError as error:
             raise ConfigurationError(f"--set {word}: {error}; write plant.NAME=VALUE or model.NAME=VALUE") from error
+        if name in parameters:
+            raise ConfigurationError(f"--set names '{name}' twice")
+        parameters[name] = number
     return parameters

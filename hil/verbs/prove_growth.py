@@ -9,9 +9,9 @@ import time
 
 import msgspec
 
-from segway_ecc.hil.growth.study import QUICK, SIZES, conduct, text, verdict
+from segway_ecc.hil.growth.study import QUICK, SIZES, conduct, figure, render, text, verdict
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.hil.verbs.proofs import add_study, make_folder, write_report
+from segway_ecc.hil.verbs.proofs import add_study, claims_out, write_report
 from segway_ecc.node.cli.options import print_found
 from segway_ecc.node.ros.runtime import missing_packages
 
@@ -21,17 +21,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study(parser)
 
 
+@claims_out
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its tables and write its report."""
-    make_folder(options.out)
     begun_s = time.monotonic()
     with show_progress("growth") as on_progress:
         found = conduct(QUICK if options.quick else SIZES, on_progress)
     took_s = time.monotonic() - begun_s
 
     def draw() -> dict[str, str | bytes]:
-        from segway_ecc.hil.growth.report import figure, render  # noqa: PLC0415 - an extra that the rest of this verb does without
-
         facts = {
             "Machine": f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Linux {platform.release()}",
             "Python": platform.python_version(),

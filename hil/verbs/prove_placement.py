@@ -8,10 +8,11 @@ import time
 import msgspec
 
 from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, conduct, quick, whole
+from segway_ecc.hil.placement.report import render
 from segway_ecc.hil.placement.results import network_names, overall, recommended, text
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.design_gains import designed
-from segway_ecc.hil.verbs.proofs import add_count, add_study, check_counts, make_folder, write_report
+from segway_ecc.hil.verbs.proofs import add_count, add_study, check_counts, claims_out, write_report
 from segway_ecc.node.cli.options import print_found
 from segway_ecc.node.config import load_robot
 
@@ -22,10 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study(parser)
 
 
+@claims_out
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its tables and write its report; 1 where no placement is fit."""
     check_counts(options, "jobs")
-    make_folder(options.out)
     margins_s = {name: designed(load_robot(name)).balance.margins.delay_s for name in (ROBOT, TORQUE_ROBOT)}
     plan = (quick if options.quick else whole)(margins_s)
     begun_s = time.monotonic()
@@ -41,8 +42,6 @@ def run(options: argparse.Namespace) -> int:
     }
 
     def draw() -> dict[str, str | bytes]:
-        from segway_ecc.hil.placement.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without
-
         facts = {
             "Robot": f"{ROBOT}; the delay also with {TORQUE_ROBOT}",
             "Grid": f"{len(plan.placements)} placements on {len(plan.networks)} networks",

@@ -13,9 +13,9 @@ import msgspec
 
 from segway_ecc.hil.progress import OnProgress, show_progress
 from segway_ecc.hil.soak import real_time, simulated
-from segway_ecc.hil.soak.watching import WARM_UP, Series, Verdict, Watching, judge
+from segway_ecc.hil.soak.watching import WARM_UP, Series, Verdict, Watching, figure, judge
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.hil.verbs.proofs import add_packaged_robot, make_folder, write_report
+from segway_ecc.hil.verbs.proofs import add_packaged_robot, claims_out, write_report
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.runtime import missing_packages
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+@claims_out
 def run(options: argparse.Namespace) -> int:
     """Run, watch and judge: 0 where nothing grew and nothing failed, else 1."""
     simulated_s, real_s = options.simulated * 3600.0, options.real_time * 60.0
@@ -57,7 +58,6 @@ def run(options: argparse.Namespace) -> int:
     _check("--real-time", real_s, _LEAST_REAL_S)
     if not simulated_s and not real_s:
         raise ConfigurationError("--simulated 0 and --real-time 0 leave nothing to run")
-    make_folder(options.out)
     document: dict[str, Any] = {}
     found: dict[str, Sequence[Series]] = {}
     for name, duration_s, soak in (("simulated", simulated_s, _simulated), ("real_time", real_s, _real_time)):
@@ -76,13 +76,11 @@ def run(options: argparse.Namespace) -> int:
                 sys.stdout.write(text(name.replace("_", " "), part, verdicts))
 
     def draw() -> dict[str, bytes | str]:
-        from segway_ecc.hil.soak.figures import figure  # noqa: PLC0415 - an extra that the rest of this verb does without
-
         return {f"soak-{name.replace('_', '-')}.svg": figure(series) for name, series in found.items()}
 
     write_report(options.out, "soak", {"found": document, "series": found}, draw)
     if options.json:
-        print_json(document)
+        print_json(options, document)
     return 1 if any(map(is_bad, document.values())) else 0
 
 

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: MIT
 """From a control model that works on the bench to the software of a real robot.
 
-Data on standard output, messages on standard error. Exit codes: 0 done; 1 another error of ours; 2 arguments, robot
-file or sequence file; 3 model; 4 hardware; 5 ROS 2 missing; 6 no model node found; 7 robot lost; 8 simulation; 9 log;
-10 a robot in FAULT; 11 update refused; 12 version not healthy; 13 sequence refused or not received whole;
-14 a run failed although repeated; 130 Ctrl-C.
+Data on standard output, messages on standard error. Exit codes: 0 done; 1 another error of ours, or an output
+that is full; 2 arguments, robot file or sequence file; 3 model; 4 hardware; 5 ROS 2 missing; 6 no model node found;
+7 robot lost; 8 simulation; 9 log; 10 a robot in FAULT; 11 update refused; 12 version not healthy; 13 sequence refused
+or not received whole; 14 a run failed although repeated; 130 Ctrl-C.
 """
 
 import argparse
+import contextlib
 import difflib
 import importlib
-import os
+import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,8 +19,9 @@ from typing import Any, Final, NoReturn
 
 from segway_ecc.firmware_io.errors import SegwayEccError
 from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.streams import OutputError, claim_streams, flush_output
 from segway_ecc.node.cli.verb import ENTRY_POINTS, Section, Verb
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, plain_number, printable, whole_number
 
 _PROGRAM: Final = "segway-ecc"
 _INTERRUPTED: Final = 130
@@ -41,13 +43,34 @@ options:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb and return its exit code."""
+    """Run one verb and return its exit code; without arguments those of this process, whose streams become ours."""
+    if arguments is None:
+        with ends_at_once():
+            claim_streams()
+    code = _run(arguments)
+    try:
+        flush_output()
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has closed it
+        return code
+    except OutputError as error:
+        if not code:  # else the verb's own line is there already
+            sys.stderr.write(f"{_PROGRAM}: {error}\n")
+            return error.exit_code
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         with ends_at_once():
             words, ros_arguments = list(sys.argv[1:] if arguments is None else arguments), []
             if "--ros-args" in words:  # from there on it is meant for ROS
                 at = words.index("--ros-args")
                 words, ros_arguments = words[:at], words[at:]
+            for word in words:
+                if word != printable(word):
+                    raise ConfigurationError(f"an argument is not UTF-8 text: '{printable(word)}'; rename the file")
             if not words:
                 sys.stderr.write(_FIRST_STEPS)
                 return ConfigurationError.exit_code
@@ -55,7 +78,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.modules.setdefault(_OPENSSL, None)  # type: ignore[arg-type]  # None: not available
             options = command_line(find_verbs(), words).parse_args(words)
             options.ros_arguments = ros_arguments
-        return int(options.function(options))
+        options.output = sys.stdout
+        # What a model in Python prints would not be JSON either.
+        with contextlib.redirect_stdout(sys.stderr) if vars(options).get("json") else contextlib.nullcontext():
+            return int(options.function(options))
     except SegwayEccError as error:
         sys.stderr.write(f"{_PROGRAM}: {error}\n")
         return error.exit_code
@@ -63,11 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
     except BrokenPipeError:
         return 0
-    finally:
-        try:  # here, where a reader that has gone is expected, and not when the interpreter ends
-            sys.stdout.flush()
-        except BrokenPipeError:  # the reader of our output has closed it: nothing is lost by sending the rest nowhere
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except SystemExit as ended:  # of the parser
+        return int(ended.code or 0)
 
 
 def find_verbs() -> dict[str, Verb]:
@@ -78,12 +101,10 @@ def find_verbs() -> dict[str, Verb]:
 
 
 def command_line(verbs: Mapping[str, Verb], words: Sequence[str] | None = None) -> argparse.ArgumentParser:
-    """The parser of the whole command line.
+    """The parser of the whole command line, of the verbs by name.
 
-    Args:
-        verbs: The verbs by name.
-        words: The words on the command line: only the verb in use is imported, so that a robot starts without what the
-            others need. None imports all, as shell completion needs.
+    Only the verb that the words name is imported, so that a robot starts without what the others need. None imports
+    all, as shell completion needs.
 
     Raises:
         ConfigurationError: The words name no verb.
@@ -130,12 +151,21 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - argparse's own settings, handed on
         super().__init__(**settings)
+        self.register("type", float, _finite)
+        self.register("type", int, whole_number)
         # Before Python 3.14 argparse takes what has an exponent, or is infinite, for an option.
         self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")
 
     def error(self, message: str) -> NoReturn:
         """End with one line and the exit code for arguments."""
         self.exit(ConfigurationError.exit_code, f"{_PROGRAM}: {message}; see {self.prog} --help\n")
+
+
+def _finite(text: str) -> float:
+    value = plain_number(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not finite")
+    return value
 
 
 class _TopParser(_Parser):

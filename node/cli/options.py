@@ -8,21 +8,27 @@ import datetime as dt
 import importlib.util
 import json
 import logging
+import math
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TextIO
 
 import msgspec
 
 from segway_ecc.firmware_io.build import takes_serial, with_port
+from segway_ecc.firmware_io.errors import SegwayEccError
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.real_time import real_time_loop
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, ModelFailedError, failure_text
 
 _logger = logging.getLogger(__name__)
+_ROS_NAME: Final = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+_LONGEST_ROS_NAME: Final = 120
+"""Half of what ROS takes for a topic with its namespace."""
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -60,14 +66,42 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--step", type=float, metavar="S", help="step of a model that does not give it")
 
 
-def check_duration(duration_s: float | None, longest_s: float) -> None:
-    """Refuse a `--duration` out of range, s; None is no limit.
+@contextlib.contextmanager
+def model_failures(source: str) -> Iterator[None]:
+    """Report whatever a model in Python raises, which may be anything, as one of our errors.
+
+    Raises:
+        ModelFailedError: The model of this `source` raised something.
+    """
+    try:
+        yield
+    except SegwayEccError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ModelFailedError(f"model '{source}' failed: {failure_text(error)}") from error
+
+
+def check_seconds(options: argparse.Namespace, name: str, longest_s: float) -> None:
+    """Refuse a time, s, that is out of range; one that is not given is None.
 
     Raises:
         ConfigurationError: It is.
     """
-    if duration_s is not None and not 0.0 < duration_s <= longest_s:
-        raise ConfigurationError(f"--duration must be more than 0 s and at most {longest_s:g} s")
+    seconds = getattr(options, name)
+    if seconds is not None and not 0.0 < seconds <= longest_s:
+        raise ConfigurationError(f"--{name} must be more than 0 s and at most {longest_s:g} s")
+
+
+def count_steps(name: str, seconds: float, step_s: float) -> int:
+    """How many steps, each of `step_s` s, a time is.
+
+    Raises:
+        ConfigurationError: It is less than one.
+    """
+    steps = round(seconds / step_s)
+    if steps < 1:
+        raise ConfigurationError(f"--{name} is {seconds:g} s, less than a step of {step_s:g} s")
+    return steps
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -77,18 +111,46 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def add_namespace(parser: argparse.ArgumentParser) -> None:
     """Where the robot lives in the ROS graph."""
-    parser.add_argument("--namespace", default="", help="ROS namespace of the robot, such as /robot1")
+    parser.add_argument("--namespace", type=_namespace, default="", help="ROS namespace of the robot, such as /robot1")
 
 
-def print_json(value: object) -> None:
-    """Print a value as JSON on standard output."""
-    sys.stdout.write(json.dumps(value, indent=2) + "\n")
+def ros_name(text: str) -> str:
+    """An argument that names a node or namespace of ROS, with those that it lies in."""
+    if len(text) > _LONGEST_ROS_NAME or not _ROS_NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no ROS name: letters, digits and _, no digit first, between each two a /, and at most "
+            f"{_LONGEST_ROS_NAME} characters"
+        )
+    return text
+
+
+def _namespace(text: str) -> str:
+    return ros_name(text) if text.strip("/") else ""
+
+
+def output_of(options: argparse.Namespace) -> TextIO:
+    """Standard output, which `sys.stdout` is not with `--json`: that is then for what others print."""
+    output: TextIO = getattr(options, "output", sys.stdout)
+    return output
+
+
+def print_json(options: argparse.Namespace, value: object) -> None:
+    """Print a value as JSON on standard output; what is not finite, which JSON has no word for, is null."""
+    output_of(options).write(json.dumps(_finite(value), indent=2, allow_nan=False) + "\n")
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    return [_finite(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def print_found(options: argparse.Namespace, document: object, text: str | Mapping[str, str]) -> None:
     """Print what was found: as JSON with `--json`, else as text; names and texts become two aligned columns."""
     if options.json:
-        print_json(document)
+        print_json(options, document)
     elif isinstance(text, str):
         sys.stdout.write(text)
     else:
@@ -138,6 +200,40 @@ class Curve(NamedTuple):
     width: float = 1.5
 
 
+def output_file(text: str) -> Path:
+    """The file of an option, which can be written: looked at before the work is done for nothing.
+
+    Raises:
+        ConfigurationError: It cannot be written.
+    """
+    path = Path(text)
+    is_there = path.exists()
+    if not is_there or path.is_file() or path.is_dir():  # a pipe is not opened twice: its reader would leave
+        try:
+            path.open("ab").close()
+            if not is_there:
+                path.unlink()
+        except OSError as error:
+            raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error
+    return path
+
+
+def drawing_file(text: str) -> Path:
+    """The file of an option that draws, which can be written and drawn; its name ends in its format.
+
+    Raises:
+        ConfigurationError: There is no drawing library, or the file cannot be written, or not in that format.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ConfigurationError("--plot needs a drawing library: install 'segway-ecc[report]'")
+    from matplotlib.backend_bases import FigureCanvasBase  # noqa: PLC0415 - an extra that everything else does without
+
+    path, formats = output_file(text), sorted(FigureCanvasBase.get_supported_filetypes())
+    if path.suffix and path.suffix[1:].lower() not in formats:
+        raise ConfigurationError(f"cannot draw {path}: the formats are {', '.join(formats)}")
+    return path
+
+
 def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
     """Write a table.
 
@@ -154,18 +250,11 @@ def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]
 
 
 def draw_panels(path: Path, times: Sequence[float], panels: Sequence[tuple[str, Sequence[Curve]]]) -> None:
-    """Draw curves over time, s, one panel below the other; the file's name ends in its format.
-
-    Args:
-        path: The file.
-        times: Of every curve.
-        panels: The label of each panel, and its curves.
+    """Draw labelled panels of curves over time, s, one below the other; the file's name ends in its format.
 
     Raises:
-        ConfigurationError: There is no drawing library, or the file cannot be written.
+        ConfigurationError: The file cannot be written.
     """
-    if importlib.util.find_spec("matplotlib") is None:
-        raise ConfigurationError("--plot needs a drawing library: install 'segway-ecc[report]'")
     from matplotlib.figure import Figure  # noqa: PLC0415 - an extra that everything else does without
 
     figure = Figure(figsize=(8, 1.2 + 1.8 * len(panels)), layout="constrained")
@@ -179,6 +268,7 @@ def draw_panels(path: Path, times: Sequence[float], panels: Sequence[tuple[str, 
             panel.legend()
     axes[-1].set_xlabel("time, s")
     try:
-        figure.savefig(path)
+        with path.open("wb") as file:  # by its name alone it would get an ending
+            figure.savefig(file, format=path.suffix[1:].lower() or None)
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"cannot draw {path}: {error}") from error

@@ -47,12 +47,10 @@ class Verb:
 
 
 def list_verbs(package: str, rows: Iterable[tuple[str, str, str, Section | str]]) -> tuple[Verb, ...]:
-    """The verbs of a package; one with others below it is a group.
+    """The verbs of a package, where their modules are; one with others below it is a group.
 
-    Args:
-        package: Where their modules are.
-        rows: Of each its name, the arguments of its example and its summary; then the section of one at the top, and of
-            one in a group its name in version 0.1, empty where it had none or the same.
+    Of each, the rows give its name, the arguments of its example and its summary; then the section of one at the top,
+    and of one in a group its name in version 0.1, empty where it had none or the same.
     """
     rows = tuple(rows)
     groups = {name.partition(" ")[0] for name, *_ in rows if " " in name}

@@ -7,7 +7,7 @@ from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.node.cycle.interfaces import HardwareAnswer
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
-from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+from segway_ecc.node.safety.modes import ACTIVE, POSTURES, Action, Answer, Mode, Modes, refused
 from segway_ecc.node.safety.pre_arm import PreArmCheck, failed_checks
 
 Reply = Callable[[Answer], None]
@@ -27,12 +27,7 @@ class ArmingManager:
     """
 
     def __init__(
-        self,
-        hardware: Hardware,
-        schedule: SetpointSchedule,
-        *,
-        arm_at_start: bool,
-        checklist: Evaluate = tuple,
+        self, hardware: Hardware, schedule: SetpointSchedule, *, arm_at_start: bool, checklist: Evaluate = tuple
     ) -> None:
         """Start disarmed; with `arm_at_start`, arm as soon as every check passes."""
         self.modes = Modes()
@@ -43,7 +38,8 @@ class ArmingManager:
         self._schedule = schedule
         self._arms_itself = arm_at_start
         self._live = False
-        self._waiting: list[Reply] | None = None
+        self._is_arming = False
+        self._replies: list[Reply] = []
 
     @property
     def is_active(self) -> bool:
@@ -64,11 +60,18 @@ class ArmingManager:
         """
         if action is Action.ARM:
             self._arm(reply)
+        elif action in POSTURES:  # of a robot that has none
+            reply(self.modes.ask(action))
         else:
             self._give_up(f"broken off: asked to {action}")
             if action is not Action.CLEAR_FAULT:
                 self._arms_itself = False
             reply(self.modes.ask(action))
+        self._settle()
+
+    def arm_again(self, reply: Reply) -> None:
+        """Arm, out of a fault too, which is cleared only where nothing keeps the robot from arming."""
+        self._arm(reply, clears_fault=True)
         self._settle()
 
     def arm_itself(self) -> None:
@@ -84,7 +87,7 @@ class ArmingManager:
         self, faults: Sequence[str], *, ready: bool, setpoints_silent: bool, station_lost: bool = False
     ) -> None:
         """Look at this cycle's faults, whether the drives follow commands, the set-points and the base station."""
-        if self._waiting is not None:
+        if self._is_arming:
             if faults:
                 self._give_up("; ".join(faults))
             elif ready:
@@ -106,33 +109,36 @@ class ArmingManager:
         self.modes.fail(reason)
         self._settle()
 
-    def _arm(self, reply: Reply) -> None:
-        if self._waiting is not None:
-            self._waiting.append(reply)
+    def _arm(self, reply: Reply, *, clears_fault: bool = False) -> None:
+        if self._is_arming:
+            self._replies.append(reply)
             return
-        if self.modes.mode is not Mode.DISARMED:
+        mode = self.modes.mode
+        if mode is not Mode.DISARMED and not (clears_fault and mode is Mode.FAULT):
             reply(self.modes.ask(Action.ARM))
             return
         reasons = failed_checks(self.checklist())
         if reasons:
-            reply(self.modes.ask(Action.ARM, reasons))
+            reply(refused(reasons))
             return
         try:
             self._hardware.arm()
         except ArmingRefusedError as error:
             self.answers.append(HardwareAnswer("arm", error.reasons))
-            reply(self.modes.ask(Action.ARM, error.reasons or ("the drive refuses and gives no reason",)))
+            reply(refused(error.reasons or ("the drive refuses and gives no reason",)))
             return
-        self._live = True
-        self._waiting = [reply]
+        if mode is Mode.FAULT:
+            self.modes.ask(Action.CLEAR_FAULT)
+        self._live = self._is_arming = True
+        self._replies = [reply]
 
     def _give_up(self, reason: str) -> None:
         """Refuse those who wait for the drives to arm, if any."""
         self._answer(self.modes.ask(Action.ARM, (reason,)))
 
     def _answer(self, answer: Answer) -> None:
-        waiting, self._waiting = self._waiting or [], None
-        for reply in waiting:
+        replies, self._replies, self._is_arming = self._replies, [], False
+        for reply in replies:
             reply(answer)
 
     def _settle(self) -> None:
@@ -140,7 +146,7 @@ class ArmingManager:
             self._arms_itself = False
         if self.is_active:
             self.arming_refusal = None
-        if self._live and self._waiting is None and not self.is_active:
+        if self._live and not self._is_arming and not self.is_active:
             self._live = False
             self._schedule.clear()
             self._hardware.disarm()

@@ -8,9 +8,11 @@ import msgspec
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.trajectory import Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.safety.posture import Posture
 
 
 class StampedSetpoint(NamedTuple):
@@ -41,19 +43,39 @@ class Request(NamedTuple):
     answer: Callable[[Answer], None]
 
 
-class Written(NamedTuple):
-    """A write of a parameter or state of the model, between the cycle before and this one.
+class VariableWrite(NamedTuple):
+    """Parameters or states of the model that are to be written together, or not at all; see `VariableWriter`.
 
-    One that was refused is kept too: a replay tries it again, whatever the model made of it.
+    Attributes:
+        values: Their names, each with what it is to be, in its unit.
+        answer: Called with why it was refused; empty where it was not.
+    """
+
+    values: Sequence[tuple[str, float]]
+    answer: Callable[[str], None]
+
+
+class Written(NamedTuple):
+    """A variable that was written between the cycle before and this one.
+
+    One that was refused is kept too: a replay tries it again, and has to refuse it again.
 
     Attributes:
         value: In the variable's unit.
-        refusal: Why the model refused it; empty where it did not.
+        refusal: Why it was refused; empty where it was not.
+        has_more: Whether the one that follows was written together with it.
     """
 
     name: str
     value: float
     refusal: str = ""
+    has_more: bool = False
+
+
+def written_of(values: Sequence[tuple[str, float]], refusal: str = "") -> list[Written]:
+    """What is recorded of variables that were written together, or refused."""
+    last = len(values) - 1
+    return [Written(name, value, refusal, place < last) for place, (name, value) in enumerate(values)]
 
 
 MODEL_CALL: Final = "model"
@@ -70,16 +92,27 @@ class HardwareAnswer(NamedTuple):
     reasons: tuple[str, ...]
 
 
+class PostureChange(NamedTuple):
+    """A posture that was entered, and why, where it is FALLEN."""
+
+    posture: Posture
+    reason: str
+
+
 class Inbox(msgspec.Struct):
     """What arrived from outside since the last cycle."""
 
     setpoints: list[StampedSetpoint] = []
     values: list[SetValue] = []
     requests: list[Request] = []
+    writes: list[VariableWrite] = []
+    """Those that the cycle is to carry out; it puts what came of them into `written`, and records that."""
     written: list[Written] = []
     stations: list[Heartbeat] = []
     """The newest is the last."""
     trajectories: list[Trajectory] = []
+    introductions: list[str] = []
+    """Names of base stations that are to watch over the robot from now on."""
 
 
 class Report(msgspec.Struct, frozen=True, array_like=True):
@@ -101,7 +134,9 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
         set_values: What anybody may set, as it is in force, in the order of the wiring.
         at_ns: When it was made, monotonic, ns.
         trajectory: The newest trajectory that was accepted, and what became of it.
-        refused_trajectory: The newest that was refused; None before the first.
+        refused_trajectory: One that was refused; each of them is in one report.
+        is_introduced: Whether the station of `heartbeat` watches over the robot: its heartbeats count.
+        posture: Of a robot that has one.
     """
 
     stamp_ns: int
@@ -119,6 +154,8 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
     at_ns: int = 0
     trajectory: TrajectoryStatus = TrajectoryStatus(0, TrajectoryState.NONE, "", 0, 0)
     refused_trajectory: TrajectoryStatus | None = None
+    is_introduced: bool = False
+    posture: Posture | None = None
 
 
 class Stage(Protocol):
@@ -166,6 +203,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
         inbox: What arrived in it; None for nothing.
         answers: What the hardware answered, in order.
         initial: The snapshot that the model started from, in the first cycle only.
+        posture: The posture that was entered in it, of a robot that has one; None where it stayed.
     """
 
     cycle: int
@@ -183,6 +221,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     inbox: Inbox | None = None
     answers: Sequence[HardwareAnswer] = ()
     initial: Sensors | None = None
+    posture: PostureChange | None = None
 
 
 class Recorder(Protocol):
@@ -193,6 +232,9 @@ class Recorder(Protocol):
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep a set of diagnostics."""
+
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Keep what all later cycles depend on, about once a second in the slack; `take` is called by who keeps it."""
 
     def close(self) -> None:
         """Finish the log."""
@@ -233,6 +275,9 @@ class NoRecorder:
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Discard them."""
+
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Nothing is taken."""
 
     def close(self) -> None:
         """There is nothing to finish."""

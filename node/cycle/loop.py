@@ -7,20 +7,23 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Final
 
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Stage
-from segway_ecc.node.cycle.report import DiagnosticReport
+from segway_ecc.node.cycle.report import DiagnosticReport, state_text
 from segway_ecc.node.cycle.service import NotifySocket, Service
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.timing import LoopCounters, Summary
 from segway_ecc.node.safety.modes import Mode, Modes
+from segway_ecc.node.safety.posture import Posture
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
 _DIAGNOSTICS_PERIOD_S: Final = 1.0
+_STATES_MEASURED: Final = 3
 _logger = logging.getLogger(__name__)
 
 
@@ -29,20 +32,21 @@ class StateLog:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._logged: tuple[Mode, bool, str] | None = None
+        self._logged: tuple[Mode, Posture | None, bool, str] | None = None
         self._logged_ns: int | None = None
 
-    def log_state(self, modes: Modes, arming_refusal: str | None) -> None:
-        """Log the mode with its reason, or why the robot that arms itself cannot arm."""
-        new = modes.mode, arming_refusal is None, modes.reason if arming_refusal is None else arming_refusal
+    def log_state(self, modes: Modes, arming_refusal: str | None, posture: Posture | None = None) -> None:
+        """Log the mode and the posture with the reason, or why the robot that arms itself cannot arm."""
+        can_arm = arming_refusal is None
+        new = modes.mode, posture, can_arm, modes.reason if arming_refusal is None else arming_refusal
         if new == self._logged:
             return
         now_ns = self._clock.now_ns()
         if self._logged_ns is not None and now_ns - self._logged_ns < NS_PER_S:
             return
         self._logged, self._logged_ns = new, now_ns
-        mode, can_arm, why = new
-        _logger.info("%s: %s" if can_arm else "%s, cannot arm: %s", mode, why)
+        text = "%s: %s" if can_arm else "%s, cannot arm: %s"
+        _logger.info(text, state_text(modes.mode, posture), new[-1])
 
     def log_event(self, events: deque[str]) -> None:
         """Log the oldest event, if there is any."""
@@ -64,13 +68,16 @@ class Loop:
     Attributes:
         counters: How the deadlines were met.
         stop_reason: Why the loop ended, once it has.
+        sits_down_first: Whether a robot that balances is to sit down before the loop ends.
         service: Reports readiness and the watchdog's keep-alive to the service manager; at first to nobody.
     """
 
     def __init__(self, *, cycle: Cycle, clock: Clock, stage: Stage, period_ns: int, robot_name: str) -> None:
         self.counters = LoopCounters()
         self.stop_reason: str | None = None
+        self.sits_down_first = False
         self.service = Service(NotifySocket(""), period_ns)
+        self._ends_at_once = self._is_sitting_down = False
         self._cycle = cycle
         self._clock = clock
         self._stage = stage
@@ -81,18 +88,28 @@ class Loop:
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
         self._diagnostics = DiagnosticReport(cycle, self.counters, period_ns, robot_name)
         self._deliveries: deque[Callable[[], None]] = deque()
-        self._collect_due = False
+        self._collect_due = self._state_due = False
+        self._state_ns = 0
         self._state_log = StateLog(clock)
         self._diagnostics_every = max(round(_DIAGNOSTICS_PERIOD_S * NS_PER_S / period_ns), 1)
 
     def stop(self, reason: str) -> None:
-        """Ask the loop to end after the present cycle; may be called from a signal handler."""
+        """Ask the loop to end after the present cycle, sitting down first; asked again, it ends at once.
+
+        May be called from a signal handler.
+        """
+        self._ends_at_once = self.stop_reason is not None
         self.stop_reason = self.stop_reason or reason
 
     @property
     def modes(self) -> Modes:
         """What the robot is allowed to do, and why."""
         return self._cycle.arming.modes
+
+    @property
+    def arming_refusal(self) -> str | None:
+        """What keeps a robot that arms itself from doing so; None where nothing does."""
+        return self._cycle.arming.arming_refusal
 
     def timing(self) -> dict[str, Summary]:
         """Lateness, and the duration of the cycle and its phases, by name."""
@@ -110,7 +127,7 @@ class Loop:
 
         Raises:
             HardwareError: The hardware could not be opened.
-            ModelFailedError: The model's own equations raised; the motors are off already.
+            ModelFailedError: The model failed; the robot went to FAULT, and its motors are off already.
         """
         with contextlib.ExitStack() as exits:
             # Left in reverse: zero first, then the final equations, then everything is closed.
@@ -118,11 +135,11 @@ class Loop:
             exits.callback(self._recorder.close)
             exits.callback(self._stage.close)
             exits.callback(self._cycle.hardware.close)
+            exits.callback(self._cycle.terminate)
             self._cycle.start()
             link = self._cycle.hardware.health.get("link")
             where = f" on {link}" if link else ""
             _logger.info("robot '%s'%s runs at %g Hz", self._robot_name, where, NS_PER_S / self._period_ns)
-            exits.callback(self._cycle.terminate)
             exits.callback(self.service.stopping)
             exits.callback(self._cycle.disarm)
             with _garbage_collected_in_the_slack():
@@ -130,9 +147,10 @@ class Loop:
 
     def _run(self, cycles: int | None) -> None:
         clock, counters, period_ns = self._clock, self.counters, self._period_ns
+        self._state_ns = self._shortest_state_ns()
         deadline_ns = clock.now_ns() + period_ns
         self._cycle.time_base.anchor(counters.cycles, self._wall_at(deadline_ns)[0])
-        while self.stop_reason is None:
+        while not self._is_over():
             clock.sleep_until_ns(deadline_ns)
             lateness_ns = clock.now_ns() - deadline_ns
             counters.last_ns = deadline_ns + lateness_ns
@@ -145,15 +163,30 @@ class Loop:
             self._cycle.run(counters.cycles, lateness_ns)
             counters.cycles += 1
             if counters.cycles == cycles:
-                self.stop(f"{cycles} cycles were asked for")
+                self._end(f"{cycles} cycles were asked for")
             if self._stage.over is not None:
-                self.stop(self._stage.over)
+                self._end(self._stage.over)
             if self._cycle.model_stopped:
-                self.stop("the model asked to stop")
+                self._end("the model asked to stop")
+                self._ends_at_once = True
             deadline_ns += period_ns
             deadline_ns += self._lost_ns(deadline_ns)
             self.service.look(lateness_ns, counters.skipped)
             self._use_slack(deadline_ns)
+
+    def _end(self, reason: str) -> None:
+        self.stop_reason = self.stop_reason or reason
+
+    def _is_over(self) -> bool:
+        """Whether the loop ends now: it was asked to, and the robot sits, where it is to."""
+        if self.stop_reason is None:
+            return False
+        if self._ends_at_once or not self.sits_down_first or not self._cycle.sit_down_first():
+            return True
+        if not self._is_sitting_down:
+            self._is_sitting_down = True
+            self._cycle.events.append(f"{self.stop_reason}: the robot sits down first; asked again, it ends at once")
+        return False
 
     def _wall_at(self, deadline_ns: int) -> tuple[int, int]:
         """The wall clock at a deadline, and how uncertain it is, both ns."""
@@ -175,19 +208,32 @@ class Loop:
 
     def _use_slack(self, deadline_ns: int) -> None:
         """Slow work in small pieces while there is time; one even where there is none, so that a busy robot reports."""
-        self._state_log.log_state(self._cycle.arming.modes, self._cycle.arming.arming_refusal)
+        arming = self._cycle.arming
+        self._state_log.log_state(arming.modes, arming.arming_refusal, self._cycle.posture)
         self._state_log.log_event(self._cycle.events)
         if self.counters.cycles % self._diagnostics_every == 0:
             self._diagnostics.begin()
-            self._collect_due = True
+            self._collect_due = self._state_due = True
+        if self._state_due and self._has_slack(deadline_ns, self._state_ns):
+            # First: what comes later in the slack may write to the model. Where it never fits there is none.
+            self._state_due = False
+            self._recorder.write_state(partial(self._cycle.take_state, self.counters.cycles))
         if self._do_piece():
             while self._has_slack(deadline_ns) and self._do_piece():
                 pass
         if self._has_slack(deadline_ns):
             self._stage.do_background_work()
 
-    def _has_slack(self, deadline_ns: int) -> bool:
-        return deadline_ns - self._clock.now_ns() > self._slack_ns
+    def _has_slack(self, deadline_ns: int, needed_ns: int = 0) -> bool:
+        return deadline_ns - self._clock.now_ns() > self._slack_ns + needed_ns
+
+    def _shortest_state_ns(self) -> int:
+        """How long a snapshot takes; the first also finds out what there is to take."""
+        stamps = []
+        for _ in range(_STATES_MEASURED):
+            stamps.append(self._clock.now_ns())
+            self._cycle.take_state(0)
+        return min(after - before for before, after in pairwise((*stamps, self._clock.now_ns())))
 
     def _do_piece(self) -> bool:
         """Do one piece of this second's work; False when it is done."""

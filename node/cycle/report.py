@@ -10,15 +10,23 @@ from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.timing import Histogram, LoopCounters, Summary, TimeBase
+from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
 
 MODE_SUFFIX: Final = ": mode"
-"""End of the name of the status of the mode; its values: `mode`, `reason`, and a `check.<name>` per pre-arm check."""
+"""End of the name of the status of the mode; its values: `mode`, `reason`, `posture` where the robot has one, and a
+`check.<name>` per pre-arm check."""
 _DONE: Final = object()
 _LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
+
+
+def state_text(mode: str, posture: str | None) -> str:
+    """The mode, and beside it the posture of a robot that has one; empty is none."""
+    return f"{mode}, {posture}" if posture else str(mode)
 
 
 class Observed(Protocol):
@@ -29,6 +37,11 @@ class Observed(Protocol):
     time_base: TimeBase
     hardware: Hardware
     sensors: Sensors | None
+    writer: VariableWriter
+
+    @property
+    def posture(self) -> Posture | None:
+        """What the robot is doing; None where it has no posture."""
 
     @property
     def histograms(self) -> dict[str, Histogram]:
@@ -69,9 +82,11 @@ class DiagnosticReport:
             yield
         arming = self._cycle.arming
         modes = arming.modes
+        posture = self._cycle.posture
         values = {"mode": str(modes.mode), "reason": modes.reason}
+        values |= {} if posture is None else {"posture": str(posture)}
         values |= {f"check.{check.name}": str(check) for check in arming.checklist()}
-        level, message = MODE_LEVELS.get(modes.mode, Level.OK), f"{modes.mode}: {modes.reason}"
+        level, message = MODE_LEVELS.get(modes.mode, Level.OK), f"{state_text(modes.mode, posture)}: {modes.reason}"
         mode = DiagnosticStatus(level, f"{self._robot_name}{MODE_SUFFIX}", message, values)
         yield
         timing = self._timing()
@@ -98,13 +113,21 @@ class DiagnosticReport:
 
     def _setpoints(self) -> DiagnosticStatus:
         schedule = self._cycle.schedule
+        writer = self._cycle.writer
         refused = self._new("setpoints", sum(schedule.refused.values()))
+        writes = self._new("writes", writer.refused)
         values = {
             "applied": str(schedule.applied),
             "late": str(schedule.late),
             **{f"refused.{cause}": str(count) for cause, count in schedule.refused.items()},
+            "parameters.written": str(writer.written),
+            "parameters.refused": str(writer.refused),
         }
-        trouble = f"{refused} refused since the last report" if refused else ""
+        trouble = "; ".join(
+            f"{count} {what} since the last report"
+            for count, what in ((refused, "refused"), (writes, "writes of parameters refused"))
+            if count
+        )
         return self._status("set-points", trouble, "taken as they come", values)
 
     def _hardware(self) -> DiagnosticStatus:
@@ -112,9 +135,12 @@ class DiagnosticReport:
         if not health:
             return self._status("hardware", "", "none: the robot is all model", {})
         refused = self._new("frames", sum(int(v) for k, v in health.items() if "refused." in k))
+        gaps = self._new("gaps", sum(int(v) for k, v in health.items() if k.endswith(".gaps")))
         states = {name: health[name] for name in health if _LINK_STATE.fullmatch(name) and health[name] != "active"}
         trouble = [f"{name}: {state}" for name, state in states.items()]
         trouble += [f"{refused} frames refused since the last report"] if refused else []
+        trouble += [f"{gaps} gaps in telemetry since the last report"] if gaps else []
+        trouble += ["the guard of this bus is lost"] if health.get("guard") == "lost" else []
         sensors = self._cycle.sensors
         ages = zip(self._cycle.hardware.signals, sensors.ages if sensors else (), strict=False)
         values = {**health, **{f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in ages}}

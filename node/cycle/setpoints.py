@@ -28,6 +28,10 @@ class SetpointRefusal(enum.StrEnum):
 
     NOT_FINITE = "not_finite"
     TOO_LARGE = "too_large"
+    OUT_OF_RANGE = "out_of_range"
+    """A value that is set, beyond the range of what it is wired to."""
+    REFUSED_BY_MODEL = "refused_by_model"
+    """A value that is set, and that the state it is wired to does not take."""
     STALE = "stale"
     TOO_FAR_AHEAD = "too_far_ahead"
     QUEUE_FULL = "queue_full"

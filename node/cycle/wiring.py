@@ -10,7 +10,8 @@ from typing import Final
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
-from segway_ecc.node.model.model import Model, Variable, Write
+from segway_ecc.node.model.model import LARGEST, Model, Variable, Write
+from segway_ecc.node.safety.outputs import Given
 
 SETPOINT_SIGNALS: Final = ("setpoint.linear_velocity", "setpoint.angular_velocity")
 """In the order of `Setpoint`: m/s, rad/s."""
@@ -81,8 +82,11 @@ class Wiring:
         sensors: The sensor values that the model depends on.
         set_names: Names of the values that anybody may set.
         set_values: What they are before anybody did.
+        set_ranges: The least and the largest value of each, which all that is wired to it allows.
+        largest: The largest magnitude of each set-point that all that is wired to it allows: m/s, rad/s.
         topics: Topics that variables are published on, each with the variable.
         needs_validity: Whether an input of the model is the validity of a signal.
+        given: Each signal and topic that an output of the model gives, with its place among the outputs and its unit.
     """
 
     inputs: tuple[SignalSource, ...]
@@ -92,8 +96,11 @@ class Wiring:
     sensors: tuple[int, ...]
     set_names: tuple[str, ...]
     set_values: tuple[float, ...]
+    set_ranges: Sequence[tuple[float, float]]
+    largest: Setpoint
     topics: Mapping[str, str]
     needs_validity: bool
+    given: Mapping[str, Given]
 
     def model_inputs(self, sensors: Sensors, setpoint: Setpoint, set_values: Sequence[float]) -> list[float]:
         """The model's inputs in port order."""
@@ -105,6 +112,10 @@ class Wiring:
         """What is written to which state."""
         pools = ((), setpoint, set_values)
         return [(state, pools[s.origin][s.index]) for state, s in self.states]
+
+    def states_of(self, place: int) -> list[str]:
+        """The states that a value is written to which anybody may set, by its place among `set_names`."""
+        return [state for state, s in self.states if s.origin is Origin.SET and s.index == place]
 
     def commands(self, y: Sequence[float]) -> list[float]:
         """The hardware's commands in its order."""
@@ -119,17 +130,23 @@ class Wiring:
         ]
 
 
-def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
+def wire(
+    model: Model, hardware: Hardware, wiring: Mapping[str, str], declared: Mapping[str, Variable] | None = None
+) -> Wiring:
     """Join a model to hardware and set-points; `wiring` is the robot's signal for each port, state or other variable.
+
+    `declared` are those of them whose range is another one than the model's; see `declared_variables`.
 
     Raises:
         UnknownNameError: A name that does not exist; the text lists those that do.
-        ConfigurationError: A port or command left open, or wired twice, or to a signal of the wrong direction.
+        ConfigurationError: A port or command left open, or wired twice, or to a signal of the wrong direction; or the
+            ranges of what is wired to a signal leave nothing of it.
     """
     variables = {v.name: v for v in (*model.inputs, *model.outputs, *model.states, *model.parameters)}
     for port in wiring:
         if port not in variables:
             raise UnknownNameError(f"port, state or parameter of model '{model.name}'", port, variables)
+    variables |= declared or {}
     topics = {signal.removeprefix(TOPIC): port for port, signal in wiring.items() if signal.startswith(TOPIC)}
     joined = {port: signal for port, signal in wiring.items() if not signal.startswith(TOPIC)}
     set_from = {signal: variables[port].value for port, signal in joined.items() if signal.startswith(SET)}
@@ -147,6 +164,8 @@ def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
             raise ConfigurationError(f"wiring: nothing drives '{command}'; the model's outputs are {names}")
     sources = {signal: SignalSource(Origin.SENSOR, place) for place, signal in enumerate(hardware.signals)}
     sources |= {signal: SignalSource(Origin.OUTPUT, place) for signal, place in output_of.items()}
+    places = {variable.name: place for place, variable in enumerate(model.outputs)}
+    given = output_of | {f"{TOPIC}{topic}": places[name] for topic, name in topics.items() if name in places}
     return Wiring(
         inputs=inputs,
         states=tuple(_state(v, joined[v.name], list(set_from)) for v in model.states if v.name in joined),
@@ -155,9 +174,29 @@ def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
         sensors=tuple(sorted({source.index for source in inputs if source.origin is Origin.SENSOR})),
         set_names=tuple(signal.removeprefix(SET) for signal in set_from),
         set_values=tuple(set_from.values()),
+        set_ranges=[_range(signal, joined, variables) for signal in set_from],
+        largest=Setpoint(*(_largest(signal, joined, variables) for signal in SETPOINT_SIGNALS)),
         topics=topics,
         needs_validity=any(source.origin is Origin.VALIDITY for source in inputs),
+        given={signal: Given(place, model.outputs[place].unit) for signal, place in given.items()},
     )
+
+
+def _range(signal: str, joined: Mapping[str, str], variables: Mapping[str, Variable]) -> tuple[float, float]:
+    """The range of a signal that inputs and states of the model are wired to: what all of them allow."""
+    wired = [variables[port] for port, other in joined.items() if other == signal]
+    low, high = max((v.minimum for v in wired), default=-LARGEST), min((v.maximum for v in wired), default=LARGEST)
+    if low > high:
+        raise ConfigurationError(f"wiring: no value of '{signal}' is in the range of all that is wired to it")
+    return low, high
+
+
+def _largest(signal: str, joined: Mapping[str, str], variables: Mapping[str, Variable]) -> float:
+    low, high = _range(signal, joined, variables)
+    if low > 0.0 or high < 0.0:
+        raise ConfigurationError(f"wiring: '{signal}' is zero at rest, which the range of what is wired to it forbids")
+    largest = min(-low, high)
+    return math.inf if largest == LARGEST else largest
 
 
 def _from_outside(signal: str, set_signals: Sequence[str]) -> SignalSource | None:

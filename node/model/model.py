@@ -2,11 +2,16 @@
 """The interface of every model, whatever it is written in, its named variables, and a model stepped through time."""
 
 import enum
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from math import isfinite
+from typing import Final, NamedTuple, Protocol
 
-from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.errors import UnknownNameError
+
+LARGEST: Final = sys.float_info.max
+"""The bound of a range that has none: only finite values are taken."""
 
 
 @enum.unique
@@ -33,6 +38,8 @@ class Variable:
         value: Start value, in `unit`.
         write: When a write takes effect.
         why: What decides that, in a few words; empty where the model's author declares it.
+        minimum, maximum: The least and the largest value that it may have, in `unit`; plus or minus `LARGEST` for any.
+        tunable: Whether it may be written while the robot is armed.
     """
 
     name: str
@@ -40,6 +47,27 @@ class Variable:
     value: float = 0.0
     write: Write = Write.NEVER
     why: str = ""
+    minimum: float = -LARGEST
+    maximum: float = LARGEST
+    tunable: bool = False
+
+    @property
+    def range_text(self) -> str:
+        """The range for people, such as `0.01 to 1 m`; empty where there is none."""
+        low = "" if self.minimum == -LARGEST else f"{self.minimum:g}"
+        high = "" if self.maximum == LARGEST else f"{self.maximum:g}"
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        text = f"{low} to {high}" if low and high else f"{low} or more" if low else f"{high} or less"
+        return f"{text}{unit}" if low or high else ""
+
+
+def refusal_of(variable: Variable, value: float) -> str:
+    """Why a variable cannot have a value, which its range decides; empty where it can."""
+    if variable.minimum <= value <= variable.maximum:
+        return ""
+    allowed = variable.range_text if isfinite(value) else ""
+    text = f"allowed is {allowed}" if allowed else "only finite values are taken"
+    return f"'{variable.name}' cannot be {value}: {text}"
 
 
 class Model(Protocol):
@@ -100,22 +128,14 @@ class Model(Protocol):
 
         Raises:
             UnknownNameError: The model has no such name.
-            ModelError: The variable cannot be written, or the value is not finite.
+            ModelError: The variable cannot be written, or the value is not finite or not in its range.
         """
 
 
-def write_variable(model: Model, name: str, value: float) -> str:
-    """Write a parameter or a state; returns why the model refuses it, empty where it does not."""
-    try:
-        try:
-            model.write(name, value)
-        except ModelError:
-            raise
-        except Exception as error:  # the model is the user's and may raise anything
-            raise ModelError(f"'{name}' cannot be {value}: {type(error).__name__}: {error}") from error
-    except ModelError as error:
-        return str(error)
-    return ""
+def unwrapped(model: Model) -> Model:
+    """The model itself, where `model` records the calls into it (`segway_ecc.node.watchdog`): what holds its state."""
+    inner: Model = getattr(model, "watched_model", model)
+    return inner
 
 
 class Sample(NamedTuple):

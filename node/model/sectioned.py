@@ -7,13 +7,12 @@ Equations I" (2nd ed.), table II.1.2 for the classical Runge-Kutta method and II
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
-from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.model import Variable, Write, refusal_of
 
 Dynamic = Callable[[float, Sequence[float]], Sequence[float]]
 """The dynamic section: (time in s, states) -> rates per second, or the next states for `Method.DISCRETE`."""
@@ -90,14 +89,14 @@ class SectionedModel:
         self.stopped = False
         self.s: list[float] = [v.value for v in self.states]
         self.p: dict[str, float] = {v.name: v.value for v in self.parameters}
-        for name, value in (parameters or {}).items():
-            if name not in self.p:
-                raise UnknownNameError(f"parameter of model '{self.name}'", name, self.p)
-            self.p[name] = _finite(name, value)
         # Of equal names the first counts: looked for once, since the cycle reads and writes by name.
         self._state_at = {v.name: place for place, v in reversed([*enumerate(self.states)])}
         self._now_at = {name: at for name, at in self._state_at.items() if self.states[at].write is Write.NOW}
         self._parameter_at = {v.name: v for v in reversed(self.parameters)}
+        for name, value in (parameters or {}).items():
+            if name not in self.p:
+                raise UnknownNameError(f"parameter of model '{self.name}'", name, self.p)
+            self.p[name] = _in_range(self._parameter_at[name], value)
         self._input_at = {v.name: place for place, v in reversed([*enumerate(self.inputs)])}
         self._output_at = {v.name: place for place, v in reversed([*enumerate(self.outputs)])}
 
@@ -167,7 +166,7 @@ class SectionedModel:
         """Write a parameter or state; see `Model.write`."""
         now_at = self._now_at.get(name)
         if now_at is not None:  # what a cycle writes: its set-points
-            self.s[now_at] = _finite(name, value)
+            self.s[now_at] = _in_range(self.states[now_at], value)
             return
         place = self._state_at.get(name)
         variable = self._parameter_at.get(name) if place is None else self.states[place]
@@ -177,10 +176,10 @@ class SectionedModel:
         if variable.write is Write.NEVER:
             raise ModelError(f"'{name}' of model '{self.name}' cannot be written while it runs")
         if place is not None and variable.write is Write.RESET:
-            self._starts[name] = _finite(name, value)
+            self._starts[name] = _in_range(variable, value)
             return
         before = self.p[name] if place is None else self.s[place]
-        self._put(place, name, _finite(name, value))
+        self._put(place, name, _in_range(variable, value))
         if variable.write is Write.STATIC:
             try:
                 self.static()
@@ -202,7 +201,7 @@ class SectionedModel:
         self.input(u)
 
 
-def _finite(name: str, value: float) -> float:
-    if not isfinite(value):
-        raise ModelError(f"'{name}' cannot be {value}: only finite values are taken")
+def _in_range(variable: Variable, value: float) -> float:
+    if not variable.minimum <= value <= variable.maximum:
+        raise ModelError(refusal_of(variable, value))
     return float(value)

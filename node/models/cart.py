@@ -31,17 +31,17 @@ from segway_ecc.node.model.sectioned import Method, SectionedModel
 STEP_SIZE: Final = 0.01
 
 WHEEL_PARAMETERS: Final = (
-    Variable("Resistance", "Ohm", 0.64536, Write.STATIC),
-    Variable("Inductance", "H", 8.68e-3, Write.STATIC),
-    Variable("Inertia", "kg m2", 2.0e-3, Write.STATIC),
-    Variable("Friction", "N m s", 1.0e-3, Write.STATIC),
-    Variable("MotorConstant", "N m/A", 0.1, Write.STATIC),
-    Variable("WheelRadius", "m", 0.05, Write.STATIC),
-    Variable("Track", "m", 0.3, Write.STATIC),
+    Variable("Resistance", "Ohm", 0.64536, Write.STATIC, minimum=1e-3, maximum=100.0),
+    Variable("Inductance", "H", 8.68e-3, Write.STATIC, minimum=1e-6, maximum=1.0),
+    Variable("Inertia", "kg m2", 2.0e-3, Write.STATIC, minimum=1e-6, maximum=10.0),
+    Variable("Friction", "N m s", 1.0e-3, Write.STATIC, minimum=0.0, maximum=10.0),
+    Variable("MotorConstant", "N m/A", 0.1, Write.STATIC, minimum=1e-4, maximum=10.0),
+    Variable("WheelRadius", "m", 0.05, Write.STATIC, minimum=0.005, maximum=1.0),
+    Variable("Track", "m", 0.3, Write.STATIC, minimum=0.02, maximum=5.0),
 )
 CONTROLLER_PARAMETERS: Final = (
-    Variable("FeedbackGain", "V s", 0.0935464, Write.STATIC),
-    Variable("AssumedTrack", "m", 0.300522, Write.STATIC),
+    Variable("FeedbackGain", "V s", 0.0935464, Write.STATIC, minimum=0.0, maximum=10.0, tunable=True),
+    Variable("AssumedTrack", "m", 0.300522, Write.STATIC, minimum=0.02, maximum=5.0, tunable=True),
 )
 SETPOINT_STATES: Final = (
     Variable("LinearSetpoint", "m/s", 0.0, Write.NOW),
@@ -171,6 +171,9 @@ class CartController(_ControlledCart):
         return (x, y, heading, *velocities, *self.voltages(linear, angular, self.left, self.right))
 
 
+_DELAY: Final = Variable("Delay", "s", 1.5 * STEP_SIZE, Write.STATIC, minimum=0.0, maximum=0.1)
+
+
 class CartTorqueController(CartController):
     """The same controller for drives that take torque: it computes the current that its voltage would give.
 
@@ -180,7 +183,7 @@ class CartTorqueController(CartController):
     """
 
     name = "cart-torque-controller"
-    parameters = (*CartController.parameters, Variable("Delay", "s", 1.5 * STEP_SIZE, Write.STATIC))
+    parameters = (*CartController.parameters, _DELAY)
     states = (*SETPOINT_STATES, *POSE_STATES, Variable("LeftCurrent", "A"), Variable("RightCurrent", "A"))
     outputs = (*POSE_OUTPUTS, Variable("LeftTorque", "N m"), Variable("RightTorque", "N m"))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final, NamedTuple, cast
 
-from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.errors import ModelError, UnknownNameError, failure_text
 from segway_ecc.node.model.model import Model
 
 _SOURCE: Final = re.compile(r"(?:(?P<folder>.*)/)?(?P<module>[^\W\d]\w*(?:\.[^\W\d]\w*)*):(?P<name>[^\W\d]\w*)")
@@ -23,20 +23,14 @@ _NAMESPACE: Final = "segway_ecc"
 _MOVED: Final = re.compile(r"(node\.models|hil\.plants)\.\w+")
 """Modules with models that stood at the top of the tree in version 0.1."""
 _OURS: Final = frozenset(
-    {"aiohttp", "can", "canopen", "cantools", "matplotlib", "mcap", "msgspec", "mypy_extensions", "numpy", "rclpy"}
-    | {"rich", "segway_ecc", "serial", "shtab", "yaml"}
+    {"aiohttp", "can", "canopen", "cantools", "lz4", "matplotlib", "mcap", "msgspec", "mypy_extensions", "numpy"}
+    | {"rclpy", "rich", "segway_ecc", "serial", "shtab", "yaml"}
 )
 """What the product imports, also where that happens after the model is loaded."""
 
 
 class PythonSource(NamedTuple):
-    """A model in Python.
-
-    Attributes:
-        folder: The folder that its module or package lies in; None where it is installed.
-        module: The module's dotted name.
-        name: The class.
-    """
+    """A model in Python: the class `name` of a module that lies in a folder, or in none where it is installed."""
 
     folder: Path | None
     module: str
@@ -64,9 +58,8 @@ class PythonSource(NamedTuple):
 def locate(source: str, folders: Sequence[Path]) -> str:
     """The source with the folder that it lies in; as it is where it lies in none of `folders`.
 
-    Args:
-        source: What `load_model` takes; a path in it is relative to the folders.
-        folders: Where to look, in this order, such as the folder of the robot file and the current one.
+    They are looked through in their order, such as that of the robot file and the current one; a path in the source,
+    which is what `load_model` takes, is relative to them.
     """
     found = PythonSource.parse(source)
     if found is None or Path(source).exists():
@@ -101,6 +94,8 @@ def _import_module(source: PythonSource) -> ModuleType:
         if source.folder is not None:
             _import_top(source.folder, source.top)
         return importlib.import_module(source.module)
+    except ModelError:
+        raise
     except ModuleNotFoundError as error:
         if f"{source.module}.".startswith(f"{error.name}."):
             raise ModelError(f"cannot load model '{source}': {error}") from error
@@ -110,6 +105,8 @@ def _import_module(source: PythonSource) -> ModuleType:
         ) from error
     except (ImportError, SyntaxError) as error:
         raise ModelError(f"cannot load model '{source}': {error}") from error
+    except (Exception, SystemExit) as error:  # the user's, which may raise anything
+        raise _failed(source, error) from error
 
 
 def _import_top(folder: Path, top: str) -> None:
@@ -180,7 +177,16 @@ def load_model(
     model_class = getattr(_import_module(python), python.name, None)
     if not isinstance(model_class, type):
         raise ModelError(f"cannot load model '{source}': module {python.module} has no class {python.name}")
-    return cast("Model", model_class(parameters))
+    try:
+        return cast("Model", model_class(parameters))
+    except ModelError:
+        raise
+    except (Exception, SystemExit) as error:  # as above
+        raise _failed(python, error) from error
+
+
+def _failed(source: PythonSource, error: BaseException) -> ModelError:
+    return ModelError(f"cannot load model '{source}': {failure_text(error)}")
 
 
 def _load_native(path: Path, parameters: Mapping[str, float], method: str | None, step_size: float | None) -> Model:

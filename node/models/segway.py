@@ -35,53 +35,97 @@ _INPUTS: Final = (
 )
 _BODY: Final = (
     *(v for v in VARIABLES if v.name in {"WheelRadius", "Track", "ImuHeight"}),
-    Variable("StopPitch", "rad", PUBLISHED.stop_angle, Write.STATIC, "where the body touches the ground"),
-    Variable("TorqueLimit", "N m", 1.3, Write.STATIC, "of each wheel: what its tyre carries without slipping"),
+    Variable(
+        "StopPitch",
+        "rad",
+        PUBLISHED.stop_angle,
+        Write.STATIC,
+        "where the body touches the ground",
+        minimum=0.01,
+        maximum=1.6,
+    ),
+    Variable(
+        "TorqueLimit",
+        "N m",
+        1.3,
+        Write.STATIC,
+        "of each wheel: what its tyre carries without slipping",
+        minimum=0.0,
+        maximum=1000.0,
+    ),
 )
 _MOTOR: Final = tuple(
     v for v in VARIABLES if v.name in {"MotorResistance", "MotorConstant", "GearRatio", "SupplyVoltage"}
 )
 _ESTIMATE: Final = (
-    Variable("TiltTime", "s", 2.0, Write.STATIC, "how slowly the pitch follows the accelerometer"),
-    Variable("BiasTime", "s", 4.0, Write.STATIC, "how slowly the gyro's biases are learnt"),
+    Variable(
+        "TiltTime",
+        "s",
+        2.0,
+        Write.STATIC,
+        "how slowly the pitch follows the accelerometer",
+        minimum=0.05,
+        maximum=100.0,
+    ),
+    Variable(
+        "BiasTime", "s", 4.0, Write.STATIC, "how slowly the gyro's biases are learnt", minimum=0.05, maximum=1000.0
+    ),
 )
 GAINS: Final = (
-    Variable("TravelGain", "N", 0.0, Write.STATIC),
-    Variable("VelocityGain", "N s", 0.0, Write.STATIC),
-    Variable("PitchGain", "N m/rad", 0.0, Write.STATIC),
-    Variable("PitchRateGain", "N m s/rad", 0.0, Write.STATIC),
-    Variable("SentGain", "1", 0.0, Write.STATIC),
-    Variable("SentBeforeGain", "1", 0.0, Write.STATIC),
-    Variable("IntegralGain", "N/s", 0.0, Write.STATIC),
-    Variable("PitchPerAcceleration", "rad s2/m", 0.0, Write.STATIC),
-    Variable("TorquePerAcceleration", "N m s2/m", 0.0, Write.STATIC),
-    Variable("HeadingGain", "N m/rad", 0.0, Write.STATIC),
-    Variable("YawRateGain", "N m s/rad", 0.0, Write.STATIC),
-    Variable("TorquePerYawAcceleration", "N m s2/rad", 0.0, Write.STATIC),
+    Variable("TravelGain", "N", 0.0, Write.STATIC, minimum=-100000.0, maximum=0.0),
+    Variable("VelocityGain", "N s", 0.0, Write.STATIC, minimum=-100000.0, maximum=0.0),
+    Variable("PitchGain", "N m/rad", 0.0, Write.STATIC, minimum=-100000.0, maximum=0.0),
+    Variable("PitchRateGain", "N m s/rad", 0.0, Write.STATIC, minimum=-100000.0, maximum=0.0),
+    Variable("SentGain", "1", 0.0, Write.STATIC, minimum=-10.0, maximum=10.0),
+    Variable("SentBeforeGain", "1", 0.0, Write.STATIC, minimum=-10.0, maximum=10.0),
+    Variable("IntegralGain", "N/s", 0.0, Write.STATIC, minimum=-100000.0, maximum=0.0),
+    Variable("PitchPerAcceleration", "rad s2/m", 0.0, Write.STATIC, minimum=0.0, maximum=10.0),
+    Variable("TorquePerAcceleration", "N m s2/m", 0.0, Write.STATIC, minimum=-10000.0, maximum=10000.0),
+    Variable("HeadingGain", "N m/rad", 0.0, Write.STATIC, minimum=0.0, maximum=100000.0),
+    Variable("YawRateGain", "N m s/rad", 0.0, Write.STATIC, minimum=0.0, maximum=100000.0),
+    Variable("TorquePerYawAcceleration", "N m s2/rad", 0.0, Write.STATIC, minimum=0.0, maximum=10000.0),
 )
 """What `segway-ecc design gains` finds; with the zeros here the model does not start."""
 _LIMITS: Final = (
-    Variable("MaxSpeed", "m/s", 1.5, Write.STATIC),
-    Variable("MaxAcceleration", "m/s2", 0.8, Write.STATIC),
-    Variable("MaxYawRate", "rad/s", 2.0, Write.STATIC),
-    Variable("MaxYawAcceleration", "rad/s2", 3.0, Write.STATIC),
-    Variable("MaxTravelError", "m", 0.5, Write.STATIC),
-    Variable("MaxHeadingError", "rad", 0.5, Write.STATIC),
-    Variable("MaxIntegral", "m s", 0.5, Write.STATIC),
-    Variable("MaxTurningTorque", "N m", 1.0, Write.STATIC),
-    Variable("TorqueSlew", "N m/s", 500.0, Write.STATIC),
+    Variable("MaxSpeed", "m/s", 1.5, Write.STATIC, minimum=0.0, maximum=20.0, tunable=True),
+    Variable("MaxAcceleration", "m/s2", 0.8, Write.STATIC, minimum=0.0, maximum=20.0, tunable=True),
+    Variable("MaxYawRate", "rad/s", 2.0, Write.STATIC, minimum=0.0, maximum=30.0, tunable=True),
+    Variable("MaxYawAcceleration", "rad/s2", 3.0, Write.STATIC, minimum=0.0, maximum=100.0, tunable=True),
+    Variable("MaxTravelError", "m", 0.5, Write.STATIC, minimum=0.0, maximum=10.0),
+    Variable("MaxHeadingError", "rad", 0.5, Write.STATIC, minimum=0.0, maximum=3.2),
+    Variable("MaxIntegral", "m s", 0.5, Write.STATIC, minimum=0.0, maximum=10.0),
+    Variable("MaxTurningTorque", "N m", 1.0, Write.STATIC, minimum=0.0, maximum=1000.0),
+    Variable("TorqueSlew", "N m/s", 500.0, Write.STATIC, minimum=1.0, maximum=1000000.0),
 )
 _PHASES: Final = (
-    Variable("SettlingTime", "s", 0.5, Write.STATIC, "at rest before it stands up, while the gyro's biases are learnt"),
-    Variable("StandUpTime", "s", 3.0, Write.STATIC, "after which it gives up"),
-    Variable("FallTime", "s", 0.5, Write.STATIC, "down, after which it gives up"),
-    Variable("SitDownTime", "s", 3.0, Write.STATIC, "after which the motors rest wherever it is"),
-    Variable("SitDownRate", "rad/s", 0.8, Write.STATIC, "at which it leans down"),
-    Variable("RunawaySpeed", "m/s", 4.0, Write.STATIC, "faster than the robot ever goes: it gives up"),
+    Variable(
+        "SettlingTime",
+        "s",
+        0.5,
+        Write.STATIC,
+        "at rest before it stands up, while the gyro's biases are learnt",
+        minimum=0.0,
+        maximum=60.0,
+    ),
+    Variable("StandUpTime", "s", 3.0, Write.STATIC, "after which it gives up", minimum=0.1, maximum=60.0),
+    Variable("FallTime", "s", 0.5, Write.STATIC, "down, after which it gives up", minimum=0.0, maximum=10.0),
+    Variable(
+        "SitDownTime", "s", 3.0, Write.STATIC, "after which the motors rest wherever it is", minimum=0.1, maximum=60.0
+    ),
+    Variable("SitDownRate", "rad/s", 0.8, Write.STATIC, "at which it leans down", minimum=0.01, maximum=10.0),
+    Variable(
+        "RunawaySpeed",
+        "m/s",
+        4.0,
+        Write.STATIC,
+        "faster than the robot ever goes: it gives up",
+        minimum=0.1,
+        maximum=50.0,
+    ),
 )
 SETPOINTS: Final = (
     *SETPOINT_STATES,
-    Variable("Stand", "1", 1.0, Write.NOW, "1: stand up and balance; 0: sit down and rest"),
+    Variable("Stand", "1", 1.0, Write.NOW, "1: stand up and balance; 0: sit down and rest", minimum=0.0, maximum=1.0),
 )
 
 

@@ -53,6 +53,7 @@ class Estimate(Value, frozen=True):
         velocity: Its rate, m/s.
         yaw_rate: rad/s.
         x, y, heading: Odometry; m, m, rad.
+        off: How far the accelerometer's "up" is from the pitch, rad, up to 0.2 either way.
     """
 
     since: float = 0.0
@@ -67,6 +68,7 @@ class Estimate(Value, frozen=True):
     x: float = 0.0
     y: float = 0.0
     heading: float = 0.0
+    off: float = 0.0
 
 
 class Estimator:
@@ -139,6 +141,7 @@ class Estimator:
             e.x + step * cos(middle),
             e.y + step * sin(middle),
             heading,
+            innovation,
         )
 
     def _yaw(self, gyro: float, wheels: float, bias: float, *, still_at_rest: bool) -> tuple[float, float]:

@@ -27,6 +27,8 @@ _UP_TIME_S: Final = 0.1
 _STILL_SPEED: Final = 0.05
 _STILL_RATE: Final = 0.1
 _STILL_TIME_S: Final = 0.2
+_SETTLED_WITHIN: Final = 0.05
+"""How near the accelerometer's "up" must be to the pitch before it stands up, rad: the first sample may be wrong."""
 _AT_STOP: Final = 0.75
 """Part of the stop's pitch from which on the body counts as down; less than one, since a slope may be under it."""
 _BRAKE_GAIN: Final = 2.0
@@ -119,7 +121,7 @@ class PhaseRules:
                     return Phase.GIVEN_UP
                 return Phase.BALANCING if stand else Phase.SITTING_DOWN
             case Phase.RESTING:
-                is_settled = min(e.since, progress.elapsed) > self._settling_time
+                is_settled = min(e.since, progress.elapsed) > self._settling_time and abs(e.off) < _SETTLED_WITHIN
                 return Phase.STANDING_UP if stand and is_settled else Phase.RESTING
             case Phase.STANDING_UP:
                 return self._from_standing_up(progress, stand=stand)
@@ -223,11 +225,7 @@ class Law:
     def here(self, motion: Motion, e: Estimate) -> Motion:
         """A reference that is where the robot is, at rest; what was sent is kept."""
         return Motion(
-            travel=e.travel,
-            heading=e.heading,
-            sent=motion.sent,
-            sent_before=motion.sent_before,
-            turning=motion.turning,
+            travel=e.travel, heading=e.heading, sent=motion.sent, sent_before=motion.sent_before, turning=motion.turning
         )
 
     def balanced(self, motion: Motion, e: Estimate, limit: float) -> Motion:

@@ -25,14 +25,15 @@ from typing import Final, Self
 from segway_ecc.node.model.model import Variable, Write
 
 
-def _published(value: float, unit: str) -> float:
-    made: float = field(default=value, metadata={"unit": unit})
+def _published(value: float, unit: str, minimum: float, maximum: float) -> float:
+    """A field with its unit, and a range that any robot of this kind is in: a value beyond it is a mistake."""
+    made: float = field(default=value, metadata={"unit": unit, "minimum": minimum, "maximum": maximum})
     return made
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SegwayParameters:
-    """A body on two driven wheels, by default the published one. Every field has its SI unit as metadata.
+    """A body on two driven wheels, by default the published one. Every field has its SI unit and its range as metadata.
 
     Attributes:
         gravity: Gravity, m/s2.
@@ -63,34 +64,34 @@ class SegwayParameters:
         stop_angle: Lean against the ground's normal at which the body's bumpers touch the ground, rad.
     """
 
-    gravity: float = _published(9.80665, "m/s2")  # standard gravity
-    body_mass: float = _published(4.966, "kg")  # URDF, sum
-    body_height_of_centre: float = _published(0.2811, "m")  # URDF, sum
-    body_pitch_inertia: float = _published(0.1095, "kg m2")  # URDF, sum
-    body_roll_inertia: float = _published(0.1993, "kg m2")  # URDF, sum
-    body_yaw_inertia: float = _published(0.0981, "kg m2")  # URDF, sum
-    wheel_radius: float = _published(0.05, "m")  # URDF: wheel_tire
-    wheel_mass: float = _published(0.1826, "kg")  # URDF: rotor (called a guess there), hub, tyre
-    wheel_inertia: float = _published(1.723e-4, "kg m2")  # URDF, sum
-    wheel_diameter_inertia: float = _published(1.52e-4, "kg m2")  # URDF, sum
-    track: float = _published(0.3048, "m")  # URDF: twice the y of wheel_tire
-    viscous_friction: float = _published(1.0e-4, "N m s")  # assumed
-    coulomb_friction: float = _published(0.02, "N m")  # assumed: 1.2 % of the largest torque
-    coulomb_speed: float = _published(0.05, "rad/s")  # assumed: makes friction smooth enough to integrate
+    gravity: float = _published(9.80665, "m/s2", 0.1, 30.0)  # standard gravity
+    body_mass: float = _published(4.966, "kg", 0.1, 500.0)  # URDF, sum
+    body_height_of_centre: float = _published(0.2811, "m", 0.01, 3.0)  # URDF, sum
+    body_pitch_inertia: float = _published(0.1095, "kg m2", 1e-05, 500.0)  # URDF, sum
+    body_roll_inertia: float = _published(0.1993, "kg m2", 1e-05, 500.0)  # URDF, sum
+    body_yaw_inertia: float = _published(0.0981, "kg m2", 1e-05, 500.0)  # URDF, sum
+    wheel_radius: float = _published(0.05, "m", 0.005, 1.0)  # URDF: wheel_tire
+    wheel_mass: float = _published(0.1826, "kg", 0.001, 100.0)  # URDF: rotor (called a guess there), hub, tyre
+    wheel_inertia: float = _published(1.723e-4, "kg m2", 1e-07, 50.0)  # URDF, sum
+    wheel_diameter_inertia: float = _published(1.52e-4, "kg m2", 1e-07, 50.0)  # URDF, sum
+    track: float = _published(0.3048, "m", 0.02, 5.0)  # URDF: twice the y of wheel_tire
+    viscous_friction: float = _published(1.0e-4, "N m s", 0.0, 10.0)  # assumed
+    coulomb_friction: float = _published(0.02, "N m", 0.0, 50.0)  # assumed: 1.2 % of the largest torque
+    coulomb_speed: float = _published(0.05, "rad/s", 0.0001, 10.0)  # assumed: makes friction smooth enough to integrate
     # derived: 3/2 of 0.05 Ohm per phase (third party, pypowertrain's table of the mj5208)
-    motor_resistance: float = _published(0.075, "Ohm")
-    motor_inductance: float = _published(4.5e-5, "H")  # derived: 3/2 of 30 uH per phase (same table)
+    motor_resistance: float = _published(0.075, "Ohm", 0.0001, 100.0)
+    motor_inductance: float = _published(4.5e-5, "H", 1e-07, 1.0)  # derived: 3/2 of 30 uH per phase (same table)
     # derived: sqrt(3)/2 * 60 / (2 pi Kv) with Kv = 330 rpm/V (same table)
-    motor_constant: float = _published(0.0251, "N m/A")
-    gear_ratio: float = _published(1.0, "1")  # direct drive
-    torque_limit: float = _published(1.7, "N m")  # URDF: effort of left_wheel
-    torque_time_constant: float = _published(1.0e-3, "s")  # assumed
-    supply_voltage: float = _published(18.0, "V")  # assumed: five lithium cells
-    supply_resistance: float = _published(0.1, "Ohm")  # assumed
-    encoder_counts_per_turn: float = _published(16384.0, "1")  # assumed: 14 bits on the motor's shaft
-    encoder_filter_time: float = _published(5.0e-3, "s")  # assumed
-    imu_height: float = _published(0.507, "m")  # URDF: origin of imu over the axle
-    stop_angle: float = _published(0.5, "rad")  # assumed: bumpers, which the published robot has not
+    motor_constant: float = _published(0.0251, "N m/A", 0.0001, 10.0)
+    gear_ratio: float = _published(1.0, "1", 0.01, 1000.0)  # direct drive
+    torque_limit: float = _published(1.7, "N m", 0.0, 1000.0)  # URDF: effort of left_wheel
+    torque_time_constant: float = _published(1.0e-3, "s", 0.0, 1.0)  # assumed
+    supply_voltage: float = _published(18.0, "V", 0.0, 10000.0)  # assumed: five lithium cells
+    supply_resistance: float = _published(0.1, "Ohm", 0.0, 100.0)  # assumed
+    encoder_counts_per_turn: float = _published(16384.0, "1", 0.0, 100000000.0)  # assumed: 14 bits on the motor's shaft
+    encoder_filter_time: float = _published(5.0e-3, "s", 0.0, 1.0)  # assumed
+    imu_height: float = _published(0.507, "m", -3.0, 3.0)  # URDF: origin of imu over the axle
+    stop_angle: float = _published(0.5, "rad", 0.01, 1000.0)  # assumed: bumpers, which the published robot has not
 
     @classmethod
     def from_model(cls, values: Mapping[str, float]) -> Self:
@@ -106,7 +107,14 @@ def _model_name(field_name: str) -> str:
 
 
 VARIABLES: Final = tuple(
-    Variable(_model_name(f.name), f.metadata["unit"], getattr(PUBLISHED, f.name), Write.STATIC)
+    Variable(
+        _model_name(f.name),
+        f.metadata["unit"],
+        getattr(PUBLISHED, f.name),
+        Write.STATIC,
+        minimum=f.metadata["minimum"],
+        maximum=f.metadata["maximum"],
+    )
     for f in fields(SegwayParameters)
 )
 """The same as parameters of a model, with the published values: `body_mass` is `BodyMass`."""

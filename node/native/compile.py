@@ -14,7 +14,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -32,9 +32,14 @@ _SYMBOL: Final = struct.Struct("<IBBHQQ")
 _SECTION: Final = struct.Struct("<IIQQQQIIQQ")
 _UNREPEATABLE: Final = re.compile(
     r"(s?rand|s?random|initstate|setstate|[dlm]rand48|srand48|seed48|lcong48|getrandom|getentropy|arc4random\w*"
-    r"|time|clock|times|ftime|gettimeofday|clock_gettime|timespec_get)$|_ZNSt(13random_device)|_ZNSt6(chrono)\w*3nowEv"
+    r"|rand_r|time|clock|times|ftime|gettimeofday|clock_gettime|timespec_get|localtime(?:_r)?|mktime|ctime(?:_r)?|strftime"
+    r"|getp?pid|gettid|getpgrp|getsid|get[eu]?[ug]id|getlogin(?:_r)?|pthread_self|thrd_current|sched_getcpu"
+    r"|(?:secure_)?getenv|gethostname|gethostid|uname|sysinfo|getcwd|getrusage|syscall|getauxval"
+    r"|socket|recv|recvfrom|mktemp|mkstemp|mkdtemp|tmpnam|tempnam|popen|system)$"
+    r"|_ZNSt(13random_device)|_ZNSt6(chrono)\w*3nowEv"
 )
-"""Random numbers that all of a process draw from, or that nobody can draw again, and clocks; of C, POSIX and C++."""
+"""Whose values a replay cannot repeat: random numbers that all of a process draw from or that a caller's seed may vary,
+clocks and the time zone, what process, user and machine it is, and what comes from outside; of C, POSIX and C++."""
 
 
 def digest(*parts: bytes | str) -> str:
@@ -98,8 +103,17 @@ def find_compiler(*, cpp: bool = False) -> list[str]:
     names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
     found = next(filter(None, map(shutil.which, names)), None)
     if found is None:
-        raise ModelError(f"there is no {what} compiler to compile the model with: sudo apt install {package} libc6-dev")
+        raise ModelError(f"there is no {what} compiler here: sudo apt install {package} libc6-dev")
     return [found, *SAME_BITS]
+
+
+def missing_compiler() -> str | None:
+    """Why no C can be compiled here, with the remedy; None where it can."""
+    try:
+        find_compiler()
+    except ModelError as error:
+        return str(error)
+    return None
 
 
 def compiler_identity(*, cpp: bool = False) -> str:
@@ -146,9 +160,13 @@ def exported(library: Path) -> frozenset[str]:
     return frozenset(name for name, is_defined in _symbols(library) if is_defined)
 
 
-def repeatability_warnings(library: Path) -> tuple[str, ...]:
-    """Return a line where a library calls what gives other values in each run, instance or start; else nothing."""
-    found = (_UNREPEATABLE.match(name) for name, is_defined in _symbols(library) if not is_defined)
+def repeatability_warnings(library: Path, given: Container[str] = ()) -> tuple[str, ...]:
+    """Return a line where a library calls what gives other values in each run, instance or start; else nothing.
+
+    Functions that it is `given` in place of the C library's are repeatable.
+    """
+    called = (name for name, is_defined in _symbols(library) if not is_defined and name not in given)
+    found = map(_UNREPEATABLE.match, called)
     names = sorted({next(filter(None, match.groups())).lstrip("0123456789") for match in found if match})
     if not names:
         return ()

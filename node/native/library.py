@@ -11,21 +11,33 @@ The interface is the same for every flavour; a shim of ours, compiled with the m
     int32_t ecc_write(int32_t kind, int32_t index, double value);
     const char *ecc_error(void);                          why the last call failed
 
+and, where the model's memory can be told from the rest,
+
+    int32_t ecc_save(uint64_t *words, int32_t most);      its state, two words a piece; returns how many pieces
+    int32_t ecc_load(const uint64_t *words, int32_t count);
+
 A negative return is a failure. `kind` is a `Kind`, `index` the place in the description's order.
 """
 
 import ctypes
 import enum
-import math
+import hashlib
 import shutil
 import struct
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
+
+import msgspec
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
-from segway_ecc.node.model.model import Model, Variable, Write
+from segway_ecc.node.model.model import Model, Variable, Write, refusal_of
+
+_WORD: Final = 16
+_MOST_WORDS: Final = 3000
+"""Of a state, so that a snapshot holds it."""
 
 
 @enum.unique
@@ -121,6 +133,8 @@ class NativeModel:
             for kind in (Kind.OUTPUT, Kind.INPUT, Kind.STATE, Kind.PARAMETER)
             for index, variable in enumerate(description.by_kind[kind])
         }
+        self._hash = hashlib.sha256(library.read_bytes()).hexdigest()[:16]
+        self._words = (ctypes.c_char * (_WORD * _MOST_WORDS))() if hasattr(self._library, "ecc_save") else None
         # Without declared types, and with references made once: what ctypes converts in a call costs more than a step.
         self._step = self._library["ecc_step"]
         self._arguments = ctypes.byref(self._u), ctypes.byref(self._y)
@@ -155,11 +169,33 @@ class NativeModel:
         kind, index, variable = self._find(name)
         if kind in (Kind.INPUT, Kind.OUTPUT) or variable.write is Write.NEVER:
             raise ModelError(f"'{name}' of model '{self.name}' cannot be written: {variable.why or 'it is a port'}")
-        if not math.isfinite(value):
-            raise ModelError(f"'{name}' cannot be {value}: only finite values are taken")
-        self._check(self._library.ecc_write(kind, index, value), f"write '{name}'")
-        if variable.write is Write.STATIC:
-            self._check(self._library.ecc_static(), "run its static equations again")
+        if refusal := refusal_of(variable, value):
+            raise ModelError(refusal)
+        before = self._library.ecc_read(kind, index)
+        try:
+            self._check(self._library.ecc_write(kind, index, value), f"write '{name}'")
+            if variable.write is Write.STATIC:
+                self._check(self._library.ecc_static(), "run its static equations again")
+        except ModelError:  # refused whole
+            self._library.ecc_write(kind, index, before)
+            raise
+
+    def save_state(self) -> bytes:
+        """What later steps depend on; a ModelError where it cannot be given. See `segway_ecc.node.cycle.state`."""
+        if self._words is None:
+            raise ModelError(f"an {self.description.flavour} does not give it")
+        count = self._library.ecc_save(self._words, _MOST_WORDS)
+        self._check(count, "give its state")
+        memory = ctypes.string_at(self._words, _WORD * count)
+        return msgspec.msgpack.encode({f"memory of {self._hash}": memory, "stopped": self.stopped})
+
+    def restore_state(self, data: bytes) -> None:
+        """Go on from what `save_state` gave; a ModelError where that is not of this model as it is compiled here."""
+        held = msgspec.msgpack.decode(data, type=dict[str, bytes | bool])
+        memory, self.stopped = held.get(f"memory of {self._hash}"), bool(held.get("stopped"))
+        if self._words is None or not isinstance(memory, bytes) or len(memory) % _WORD:
+            raise ModelError("it is of a model that was compiled otherwise")
+        self._check(self._library.ecc_load(memory, len(memory) // _WORD), "take its state back")
 
     def _set_inputs(self, u: Sequence[float]) -> None:
         if len(u) != self._inputs:

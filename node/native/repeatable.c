@@ -36,11 +36,17 @@ static struct random_data *ecc_generator(void)
     return &ecc_random;
 }
 
-ECC_WEAK long random(void) ECC_NO_THROW
+static int32_t ecc_draw(void)
 {
     int32_t value = 0;
     random_r(ecc_generator(), &value);
     return value;
+}
+
+/* rand() and random() draw from one generator, as in the C library; neither calls the other, which may be the model's. */
+ECC_WEAK long random(void) ECC_NO_THROW
+{
+    return ecc_draw();
 }
 
 ECC_WEAK void srandom(unsigned int seed) ECC_NO_THROW
@@ -50,12 +56,12 @@ ECC_WEAK void srandom(unsigned int seed) ECC_NO_THROW
 
 ECC_WEAK int rand(void) ECC_NO_THROW
 {
-    return (int) random();
+    return ecc_draw();
 }
 
 ECC_WEAK void srand(unsigned int seed) ECC_NO_THROW
 {
-    srandom(seed);
+    srandom_r(seed, ecc_generator());
 }
 
 ECC_WEAK double drand48(void) ECC_NO_THROW

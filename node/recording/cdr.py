@@ -31,6 +31,7 @@ IMU: Final = "sensor_msgs/msg/Imu"
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 DIAGNOSTIC_ARRAY: Final = "diagnostic_msgs/msg/DiagnosticArray"
 CYCLE_EVENTS: Final = "segway_ecc/msg/CycleEvents"
+STATE: Final = "segway_ecc/msg/State"
 
 _ENCAPSULATION: Final = b"\x00\x01\x00\x00"
 _COUNT: Final = struct.Struct("<I")
@@ -281,6 +282,17 @@ def read_cycle_events(data: bytes) -> tuple[int, list[str]]:
     return cycle, texts
 
 
+def state(stamp_ns: int, cycle: int, snapshot: bytes) -> bytes:
+    """Returns a segway_ecc/State: time in ns, the number of the cycle that it belongs before, and its MessagePack."""
+    head = cycle_events(stamp_ns, cycle, ())
+    return head[: -_COUNT.size] + _COUNT.pack(len(snapshot)) + snapshot
+
+
+def read_state(data: bytes) -> bytes:
+    """The MessagePack in the bytes that `state` returned."""
+    return data[len(_ENCAPSULATION) + _EVENTS_HEAD.size :]
+
+
 @lru_cache(maxsize=_LAYOUTS_KEPT)
 def _stamped_layout(texts: tuple[str, ...], doubles: int) -> tuple[struct.Struct, bytes]:
     """Returns the layout of a stamp, strings and doubles, and the strings as encoded."""
@@ -358,3 +370,5 @@ SCHEMAS: Final[dict[str, str]] = {
 
 CYCLE_EVENTS_SCHEMA: Final = definition(["std_msgs/Header header", "uint64 cycle", "string[] events"])
 """The `ros2msg` text of the message on `/cycle_events`, which is of our own making."""
+STATE_SCHEMA: Final = definition(["std_msgs/Header header", "uint64 cycle", "uint8[] snapshot"])
+"""That of the message on `/state`."""

@@ -16,6 +16,7 @@ import msgspec
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord, Inbox
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
@@ -27,6 +28,7 @@ from segway_ecc.node.safety.modes import Mode
 CYCLE: Final = ord("C")
 EVENTS: Final = ord("E")
 DIAGNOSTICS: Final = ord("D")
+STATE: Final = ord("S")
 
 
 def _plain(value: Any) -> bool | float | None:  # noqa: ANN401 - whatever MessagePack does not know
@@ -71,6 +73,17 @@ class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
 
 pack_cycle: Final = _encoder.encode_into
 """Fills a buffer with a cycle: `pack_cycle(record, buffer)`."""
+
+
+pack_state: Final = _encoder.encode
+"""A snapshot as a body."""
+unpack_state: Final = msgspec.msgpack.Decoder(Snapshot).decode
+"""The snapshot in a body, or in what the log holds behind its header; msgspec.DecodeError where it is none."""
+
+
+def state_message(snapshot: Snapshot) -> bytes:
+    """A snapshot as the log holds it."""
+    return cdr.state(snapshot.stamp_ns, snapshot.cycle, pack_state(snapshot))
 
 
 def pack_diagnostics(stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
@@ -133,6 +146,8 @@ class CycleCodec:
             if kind == DIAGNOSTICS:
                 unpack_diagnostics(body)
                 return [(kind, body)]
+            if kind == STATE:
+                return [(kind, state_message(unpack_state(body)))]
         except (msgspec.DecodeError, struct.error, TypeError, ValueError) as error:
             raise RecordingError(f"a record on its way to the log was damaged: {error}") from error
         raise RecordingError(f"a record on its way to the log was damaged: there is no kind {kind}")

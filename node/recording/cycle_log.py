@@ -2,22 +2,32 @@
 """Cycles as messages: what each topic of a run's log holds."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
-from segway_ecc.node.recording.cdr import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
-from segway_ecc.node.recording.codec import CycleCodec
+from segway_ecc.node.recording.cdr import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA, STATE, STATE_SCHEMA
+from segway_ecc.node.recording.codec import CycleCodec, state_message
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
-from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance, surroundings
+from segway_ecc.node.recording.layout import (
+    END_FILE,
+    NO_PROVENANCE,
+    PART_FILE,
+    CycleLayout,
+    LogPart,
+    Provenance,
+    surroundings,
+)
 from segway_ecc.node.recording.mcap_log import McapLog
 
 EVENTS_TOPIC = "/cycle_events"
+STATE_TOPIC = "/state"
 LAYOUT_FILE = "layout.json"
 """The attachment that holds the exact names behind the fields of `/cycle`."""
 COPIES: Final = 2
@@ -28,12 +38,19 @@ class CycleLog(McapLog):
     """An MCAP log of cycles, written where it is called.
 
     `/cycle` holds everything of a cycle that is a number, `/cycle_events` what else happened in it: from these two a
-    run is replayed. What the robot publishes in ROS is on the same topics here, so that any tool for ROS shows it:
+    run is replayed. `/state` is what the replay is compared with on the way, and goes on from behind a gap. What the
+    robot publishes in ROS is on the same topics here, so that any tool for ROS shows it:
     `/odom`, `/joint_states`, `/imu/data`, `/setpoint`, `/diagnostics`.
     """
 
-    def __init__(self, path: Path, layout: CycleLayout, provenance: Provenance = NO_PROVENANCE) -> None:
-        """Create the log; it stands alone, with its provenance.
+    def __init__(
+        self,
+        path: Path,
+        layout: CycleLayout,
+        provenance: Provenance = NO_PROVENANCE,
+        part: LogPart | None = None,
+    ) -> None:
+        """Create the log; it stands alone, with its provenance. It is the first file of a run, or that `part` of one.
 
         Raises:
             RecordingError: The file cannot be written.
@@ -47,7 +64,8 @@ class CycleLog(McapLog):
         for name, values in (provenance.metadata | around).items():
             self.metadata(name, values)
         layout_text = msgspec.json.format(msgspec.json.encode(layout)).decode()
-        for name, text in {LAYOUT_FILE: layout_text, **provenance.attachments}.items():
+        self._part = msgspec.json.encode(part or LogPart()).decode()
+        for name, text in {PART_FILE: self._part, LAYOUT_FILE: layout_text, **provenance.attachments}.items():
             self.attach(name, "text/plain", text.encode(), COPIES)
         published = {signal: index for index, signal in enumerate(layout.published)}
         self._odometry = _indices(published, ODOMETRY_SIGNALS)
@@ -83,9 +101,23 @@ class CycleLog(McapLog):
         """Log what happened in a cycle."""
         self.add(EVENTS_TOPIC, CYCLE_EVENTS, stamp_of(message), message, CYCLE_EVENTS_SCHEMA)
 
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Log a snapshot of what later cycles depend on."""
+        self.write_snapshot(state_message(take()))
+
+    def write_snapshot(self, message: bytes) -> None:
+        """Log a snapshot that is a message already."""
+        self.add(STATE_TOPIC, STATE, stamp_of(message), message, STATE_SCHEMA)
+
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Log a set of diagnostics."""
         self.diagnostics("/diagnostics", stamp_ns, statuses)
+
+    def close(self, *, is_end: bool = True) -> None:
+        """Finish the file; it is the last of its run where `is_end`."""
+        if is_end and self.is_open:
+            self.attach(END_FILE, "text/plain", self._part.encode(), COPIES)
+        super().close()
 
 
 def _indices(published: dict[str, int], wanted: Sequence[str]) -> list[int] | None:

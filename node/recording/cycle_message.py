@@ -13,6 +13,7 @@ that they come back bit for bit.
     ["event", TEXT]                     what happened to the links
     ["answer", CALL, [TEXT, ...]]       what the hardware answered: to arm, obstacles, exchange or send
     ["initial", {...}]                  the snapshot that the model started from
+    ["posture", POSTURE, REASON]        the posture that was entered, of a robot that has one
     ["setpoints", [[V, W], NS]]         what arrived, by its place in the inbox; one piece for each
 """
 
@@ -27,12 +28,13 @@ import msgspec
 from msgspec.structs import asdict, astuple, replace
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord, HardwareAnswer, Inbox, Request
+from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord, HardwareAnswer, Inbox, PostureChange, Request
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.errors import RecordingError, shortened
 from segway_ecc.node.recording.cdr import definition
 from segway_ecc.node.recording.layout import CycleLayout, field_names
 from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.safety.posture import Posture
 
 CYCLE_TOPIC: Final = "/cycle"
 CYCLE_TYPE: Final = "segway_ecc/msg/Cycle"
@@ -186,6 +188,7 @@ def events_of(record: CycleRecord) -> Sequence[Piece]:
         and not sensors.faults
         and not sensors.events
         and record.initial is None
+        and record.posture is None
     ):
         return ()
     pieces: list[Piece] = [] if record.initial is None else [["initial", asdict(record.initial)]]
@@ -195,6 +198,7 @@ def events_of(record: CycleRecord) -> Sequence[Piece]:
     pieces += [["answer", answer.call, answer.reasons] for answer in record.answers]
     pieces += [["fault", fault] for fault in sensors.faults]
     pieces += [["event", event] for event in sensors.events]
+    pieces += [["posture", *record.posture]] if record.posture is not None else []
     return pieces
 
 
@@ -209,7 +213,7 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
     Raises:
         RecordingError: A text is none of those that `encode_events` returns.
     """
-    inbox, answers, faults, events, initial = Inbox(), [], [], [], None
+    inbox, answers, faults, events, initial, posture = Inbox(), [], [], [], None, None
     try:
         for text in held:
             match json.loads(text):
@@ -221,14 +225,17 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
                     answers.append(HardwareAnswer(call, tuple(reasons)))
                 case ["initial", snapshot]:
                     initial = msgspec.convert(snapshot, Sensors)
+                case ["posture", entered, why]:
+                    posture = PostureChange(Posture(entered), str(why))
                 case other:  # raises unless it is a name and a value
                     name, value = other
                     request = Request(Action(str(value)), discard_answer) if _KINDS[name] is Request else None
                     getattr(inbox, name).append(request or msgspec.convert(value, _KINDS[name]))
-    except (ValueError, KeyError, AttributeError, TypeError, msgspec.ValidationError) as error:
-        raise RecordingError(f"the events of cycle {record.cycle} in the log are not understood: {error}") from error
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError, msgspec.ValidationError) as error:
+        problem = shortened(str(error))
+        raise RecordingError(f"the events of cycle {record.cycle} in the log are not understood: {problem}") from error
     sensors = replace(record.sensors, faults=tuple(faults), events=tuple(events))
-    return replace(record, sensors=sensors, inbox=inbox, answers=answers, initial=initial)
+    return replace(record, sensors=sensors, inbox=inbox, answers=answers, initial=initial, posture=posture)
 
 
 def discard_answer(_answer: Answer) -> None:

@@ -21,6 +21,10 @@ ROBOT_FILE: Final = "robot.json"
 """The attachment that a replay builds the robot from: the robot file as it was in force, options included."""
 ROBOT_TEXT: Final = "robot.yaml"
 """The attachment for people: the robot file as it was written."""
+PART_FILE: Final = "part.json"
+"""The attachment that holds which file of which run this is."""
+END_FILE: Final = "end.json"
+"""The attachment that the last file of a run has, and no file of a run whose node was killed."""
 MODEL: Final = "model"
 """The metadata about the model: `source` and `sha256`."""
 _LIBRARIES: Final = ("msgspec", "python-can", "mcap", "numpy", "pyserial")
@@ -52,6 +56,18 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
     imu_frame: str
     joints: tuple[str, str]
     period_ns: int = 0
+
+
+class LogPart(msgspec.Struct, frozen=True):
+    """Which file of a run a log is.
+
+    Attributes:
+        run: Identity of the run; no other has it.
+        number: Of the file, from 1 on.
+    """
+
+    run: str = msgspec.field(default_factory=lambda: os.urandom(16).hex())
+    number: int = 1
 
 
 class Provenance(msgspec.Struct, frozen=True):

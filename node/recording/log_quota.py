@@ -40,6 +40,13 @@ def part_paths(path: Path) -> list[Path]:
     return [path, *(part_path(path, number) for number in sorted(n for n in numbers if n is not None))]
 
 
+def following_parts(path: Path) -> list[Path]:
+    """The parts behind one that is not the first of its log, which may be gone."""
+    stem = path.stem.rpartition("-")[0]
+    parts = part_paths(path.with_name(stem + path.suffix)) if stem else []
+    return parts[parts.index(path) + 1 :] if path in parts[1:] else []
+
+
 def remove_oldest_logs(path: Path, quota: LogQuota, taken: int, keep: Path) -> list[Path]:
     """Remove the oldest logs until all of them fit; returns what was removed.
 

@@ -22,7 +22,7 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.errors import RecordingError, printable
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.log_quota import lock_log
 
@@ -59,6 +59,7 @@ class McapLog:
 
     Attributes:
         size: Of the file when it was flushed last, bytes.
+        is_open: Whether it takes messages.
 
     Raises:
         RecordingError: If the file cannot be written.
@@ -81,7 +82,7 @@ class McapLog:
         self._last_stamp_ns = 0
         self.size = 0
         self._stream, self._where, self._owns_stream = _open_stream(target)
-        self._open = True
+        self.is_open = True
         # LZ4 rather than Zstandard: a third more bytes, but the cycle that completes a chunk is delayed less.
         # The data's checksum is of what stands outside of chunks, which have their own.
         self._writer = Writer(
@@ -175,23 +176,25 @@ class McapLog:
         with self._storing():
             for _ in range(copies):
                 # The creation time is not known, for which MCAP asks zero.
-                self._writer.add_attachment(0, self._last_stamp_ns, _plain(name), _plain(media_type), data)
+                self._writer.add_attachment(0, self._last_stamp_ns, printable(name), printable(media_type), data)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Puts named texts, such as the software's version, into the log."""
         with self._storing():
-            self._writer.add_metadata(_plain(name), {_plain(key): _plain(text) for key, text in values.items()})
+            self._writer.add_metadata(
+                printable(name), {printable(key): printable(text) for key, text in values.items()}
+            )
 
     def close(self) -> None:
         """Writes what is waiting and the summary, and closes the file. A second call does nothing."""
-        if not self._open:
+        if not self.is_open:
             return
         with self._storing():
             self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates arguments, and this has none
             self._stream.flush()
             if self._owns_stream:
                 self._stream.close()
-        self._open = False
+        self.is_open = False
 
     def __enter__(self) -> Self:
         return self
@@ -229,13 +232,13 @@ class McapLog:
 
     @contextlib.contextmanager
     def _storing(self) -> Iterator[None]:
-        if not self._open:
+        if not self.is_open:
             raise RecordingError(f"The log {self._where} is closed: write before close(), or open another log.")
         try:
             yield
         except OSError as error:
             # The writer has lost track of what reached the file, so going on would spoil what is already there.
-            self._open = False
+            self.is_open = False
             if self._owns_stream:
                 with contextlib.suppress(OSError):
                     self._stream.close()
@@ -260,11 +263,6 @@ def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes
         ) from error
     lock_log(stream.fileno())
     return stream, str(path), True
-
-
-def _plain(text: str) -> str:
-    """Returns `text` with what UTF-8 cannot hold as escapes, since the writer would stop halfway at it."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def topic_name(group: str, name: str) -> str:

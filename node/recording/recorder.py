@@ -4,30 +4,33 @@
 import contextlib
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.helper import end_helper, send_task, start_helper
 from segway_ecc.node.recording.codec import (
     CYCLE,
     DIAGNOSTICS,
+    STATE,
     CycleCodec,
     RecorderSettings,
     RunEnd,
     pack_cycle,
     pack_diagnostics,
+    pack_state,
 )
 from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance
-from segway_ecc.node.recording.log_quota import LogQuota
+from segway_ecc.node.recording.log_quota import LogQuota, part_paths
 from segway_ecc.node.ring import LARGEST, RingWriter, open_ring, slots_for
 
 _CLOSE_S: Final = 10.0
 _BUSY_NS: Final = 5_000_000_000
-"""So long a disk may be busy: the ring has room for the cycles of it, 256 to 1,024, and for its diagnostics."""
+"""So long a disk may be busy: the ring has room for the cycles of it, 256 to 1,024, and what comes once a second."""
 _FEWEST: Final = 256
 _MOST: Final = 1024
 _DIAGNOSTICS_BYTES: Final = 65_536
@@ -55,6 +58,11 @@ class ProcessRecorder:
                 f"a cycle of robot '{layout.robot}' takes {size} bytes, and the recorder takes "
                 f"{LARGEST} at most: it has too many signals and ports; run it with --no-log"
             )
+        if older := part_paths(path)[1:]:  # which would be overwritten, or removed for room
+            raise RecordingError(
+                f"cannot write the log {path}: {older[0].name}, a later file of an older log, is there; remove or move "
+                "the older log, or choose another with --log"
+            )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.open("wb").close()
@@ -63,7 +71,7 @@ class ProcessRecorder:
             raise RecordingError(f"cannot write the log {path}: {reason}; choose another with --log") from error
         self._buffer = bytearray(size)
         cycles = min(max(_BUSY_NS // layout.period_ns, _FEWEST), _MOST) if layout.period_ns else _MOST
-        memory = open_ring(cycles * slots_for(size) + slots_for(_DIAGNOSTICS_BYTES))
+        memory = open_ring(cycles * slots_for(size) + slots_for(_DIAGNOSTICS_BYTES) + slots_for(LARGEST))
         try:
             self._ring = RingWriter(memory)
             self._process = start_helper("segway_ecc.node.recording.writer", (str(memory),), (memory,))
@@ -91,11 +99,14 @@ class ProcessRecorder:
             if not self._ring.put(DIAGNOSTICS, pack_diagnostics(stamp_ns, (status,))):
                 self.dropped += 1
 
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        """Hand over a snapshot; one that finds no room is not counted, since nothing of the run is in it alone."""
+        self._ring.put(STATE, pack_state(take()))
+
     def close(self) -> None:
         """Let the writer finish the log."""
-        if self.dropped:
-            with contextlib.suppress(BrokenPipeError):  # it is gone, which its status reports
-                send_task(self._process, RunEnd(self.dropped))
+        with contextlib.suppress(BrokenPipeError):  # it is gone, which its status reports
+            send_task(self._process, RunEnd(self.dropped))
         status = end_helper(self._process, _CLOSE_S)
         if status != 0:
             _logger.warning("the recorder ended with status %d; the log %s may be incomplete", status, self._path)

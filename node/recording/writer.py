@@ -2,7 +2,6 @@
 """The process that writes a run's log: its settings come through its standard input, the cycles through a ring."""
 
 import contextlib
-import ctypes
 import itertools
 import os
 import select
@@ -15,15 +14,23 @@ from typing import Final
 import msgspec
 
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.codec import CYCLE, EVENTS, CycleCodec, RecorderSettings, RunEnd, unpack_diagnostics
+from segway_ecc.node.parent import signal_at_its_end
+from segway_ecc.node.recording.codec import (
+    CYCLE,
+    EVENTS,
+    STATE,
+    CycleCodec,
+    RecorderSettings,
+    RunEnd,
+    unpack_diagnostics,
+)
 from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import LogPart
 from segway_ecc.node.recording.log_quota import part_path, remove_oldest_logs
 from segway_ecc.node.recording.mcap_log import MISSING
 from segway_ecc.node.ring import RingReader
 
 _PARTS: Final = 9999
-_PR_SET_PDEATHSIG: Final = 1
-"""From linux/prctl.h."""
 _PAUSE_S: Final = 0.5
 """Between two looks, after each of which all goes to the disk: a power cut loses this much, and what one flush takes.
 
@@ -56,7 +63,7 @@ class BoundedLog:
         self._path = self._file = Path(settings.path)
         self._quota = settings.bounds
         self._report = report
-        self._number = 0
+        self._part = LogPart(number=0)
         self._unflushed = 0
         self._log: CycleLog | None = None
         try:
@@ -88,6 +95,8 @@ class BoundedLog:
                 self._log.write_cycle(body)
             elif kind == EVENTS:
                 self._log.write_events(body)
+            elif kind == STATE:
+                self._log.write_snapshot(body)
             else:
                 diagnostics = unpack_diagnostics(body)
                 self._log.write_diagnostics(diagnostics.stamp_ns, diagnostics.statuses)
@@ -103,10 +112,8 @@ class BoundedLog:
             try:
                 self._next()
             except RecordingError:
-                self._log = None
                 if self._file.is_file():
                     self._file.unlink()
-                self._number -= 1
                 return
             self._report(f"the log goes on in {self._file}; {self.dropped} messages before it are missing")
             self.dropped = 0
@@ -116,13 +123,13 @@ class BoundedLog:
             self._unflushed = 0
             remove_oldest_logs(self._path, self._quota, self._log.size, self._file)
             if self._log.size >= self._quota.file_bytes:
-                self._log.close()
+                self._log.close(is_end=False)
                 self._next()
         except RecordingError as error:
             self._lose(error)
 
-    def close(self, missing: int = 0) -> None:
-        """Finish the log; so many messages never reached it.
+    def close(self, missing: int = 0, *, is_end: bool = True) -> None:
+        """Finish the log; so many messages never reached it. It has an end unless the node was killed.
 
         Raises:
             RecordingError: The disk refuses, and the end of the log is missing.
@@ -132,16 +139,16 @@ class BoundedLog:
             raise RecordingError(f"{self.dropped} messages at the end of the log {self._path} are missing")
         if missing:
             self._log.metadata(MISSING, {"messages": str(missing)})
-        self._log.close()
+        self._log.close(is_end=is_end)
 
     def _next(self) -> None:
         """Open the next file; its name and its beginning are on the disk when this returns."""
-        self._number = min(self._number + 1, _PARTS)
-        self._file = part_path(self._path, self._number)
+        part = LogPart(self._part.run, min(self._part.number + 1, _PARTS))
+        self._file = part_path(self._path, part.number)
         remove_oldest_logs(self._path, self._quota, 0, self._file)
-        log = CycleLog(self._file, self._settings.layout, self._settings.provenance)
-        self._log = log
+        log = CycleLog(self._file, self._settings.layout, self._settings.provenance, part)
         log.flush()
+        self._log, self._part = log, part
         with contextlib.suppress(OSError):  # some file systems cannot; the name then comes with the file's content
             folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
             try:
@@ -158,7 +165,8 @@ def write_log(source: int, memory: int) -> None:
     """Write the log that the first line of `source` describes from the messages in a ring.
 
     Args:
-        source: A file descriptor, which ends when the loop has; a second line may come before, of what it lost.
+        source: A file descriptor, which ends when the loop has; unless the node was killed, a second line comes before,
+            of what the loop lost.
         memory: That of the ring.
 
     Raises:
@@ -187,7 +195,8 @@ def write_log(source: int, memory: int) -> None:
     damaged = log.damaged + ring.damaged
     if damaged:
         _report(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
-    log.close(damaged + (msgspec.json.decode(end, type=RunEnd).dropped if end else 0))
+    dropped = msgspec.json.decode(end, type=RunEnd).dropped if end else 0
+    log.close(damaged + dropped, is_end=bool(end))
 
 
 def _report(text: str) -> None:
@@ -200,7 +209,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     signal.signal(signal.SIGABRT, signal.SIG_IGN)  # how a service manager's watchdog ends all of a service
     # Continued when the node dies: a writer that is stopped just then would never see its input end.
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGCONT))
+    signal_at_its_end(signal.SIGCONT)
     try:
         write_log(sys.stdin.fileno(), int(sys.argv[1]))
     except RecordingError as error:

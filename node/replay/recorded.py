@@ -9,17 +9,20 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer, Inbox, NoStage
-from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer, Inbox, NoStage, VariableWrite, Written
+from segway_ecc.node.cycle.state import Snapshot
+from segway_ecc.node.errors import RecordingError, shortened
 from segway_ecc.node.recording import cdr
-from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
+from segway_ecc.node.recording.codec import unpack_state
+from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE, STATE_TOPIC
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage, restore_events
-from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, CycleLayout
-from segway_ecc.node.recording.log_quota import part_paths
+from segway_ecc.node.recording.layout import END_FILE, MODEL, PART_FILE, ROBOT_FILE, CycleLayout, LogPart
+from segway_ecc.node.recording.log_quota import following_parts, part_paths
 from segway_ecc.node.recording.salvage import Salvage
 
 _T = TypeVar("_T")
@@ -33,11 +36,14 @@ class RecordedRun:
         robot: The robot file that was in force.
         layout: Names of what each cycle holds.
         model_hash: Of the model that ran; empty where the log lacks it.
+        version: Of the segway-ecc that recorded it; empty where the log lacks it.
+        snapshot: What was recorded of the state before the cycle that was read last; None where nothing was.
+        is_joined: Whether no cycle is missing before that one.
+        is_complete: Whether all that happened in that one is there.
         gap: What is missing first, and where; None as long as nothing is.
-        behind: How many cycles there are behind the gap.
         missing: The cycles that are missing, each time the first and the last of them.
         damage: What is damaged in the files that were read.
-        is_cut: Whether the last file that was read ends before its time, as after a power cut.
+        is_cut: Whether a file ends before its time, as after a power cut, or the run has no end in them.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,8 +53,9 @@ class RecordedRun:
             RecordingError: It is no log of a run, or one that cannot be replayed.
         """
         self.path = path
+        self.snapshot: Snapshot | None = None
+        self.is_joined = self.is_complete = True
         self.gap: str | None = None
-        self.behind = 0
         self.missing: list[tuple[int, int]] = []
         self._first = Salvage(path)
         self.damage = list(self._first.damage)
@@ -56,34 +63,59 @@ class RecordedRun:
         self.robot = _decoded(self._first, ROBOT_FILE, RobotFile)
         self.layout = _decoded(self._first, LAYOUT_FILE, CycleLayout)
         self.model_hash = self._first.metadata.get(MODEL, {}).get("sha256", "")
+        self.version = self._first.metadata.get("software", {}).get("segway-ecc", "")
         self._message = CycleMessage(self.layout)
-
-    def cycles_before_gap(self) -> Iterator[CycleRecord]:
-        """The cycles up to the first that is missing; those behind it are counted in `behind`."""
-        for record in self.cycles():
-            if self.gap is None:
-                yield record
-            else:
-                self.behind += 1
+        self._newest: Snapshot | None = None
 
     def cycles(self) -> Iterator[CycleRecord]:
-        """Every cycle that is there, in order; behind the first that is missing, `gap` reports what it was."""
+        """Every cycle that is there, in order; see `snapshot` and what follows it."""
         expected, unseen = 0, 0
-        for path in part_paths(self.path):
-            file = self._first if path == self.path else Salvage(path)
-            self.damage += [text for text in file.damage if text not in self.damage]
+        for file in self._files():
             unseen += file.counts.get(CYCLE_TOPIC, 0)
             for record, found, events in self._records(file):
-                if record.cycle > expected:
+                unseen -= 1
+                if record.cycle < expected:
+                    self._report(f"{file.path.name}: there are cycles that come twice or out of order")
+                    continue
+                self.is_joined, lacks = record.cycle == expected, _lacks(record, found, events)
+                if not self.is_joined:
                     self._lack(expected, record.cycle)
                     unseen -= record.cycle - expected
-                self.gap = self.gap or _lacks(record, found, events)
-                yield record
+                self.gap, self.is_complete = self.gap or lacks, lacks is None
+                newest, self._newest = self._newest, None
+                self.snapshot = newest if newest is not None and newest.cycle == record.cycle else None
                 expected = record.cycle + 1
-                unseen -= 1
-            self.is_cut = file.is_cut
+                yield record
         if unseen > 0:
             self._lack(expected, expected + unseen)
+
+    def _files(self) -> Iterator[Salvage]:
+        """The files of the run, in order; what is missing or does not belong there is damage."""
+        first, is_ended = _part_of(self._first, 1), False
+        expected = first.number
+        later = part_paths(self.path)[1:] if expected == 1 else following_parts(self.path)
+        for path in (self.path, *later):
+            file = self._first if path == self.path else Salvage(path)
+            part = _part_of(file, expected)
+            if part.run != first.run and is_ended:
+                continue  # a log of its own
+            if part.run != first.run:
+                self._report(f"{path.name}: it is of another run")
+                continue
+            if part.number != expected:
+                self._report(f"{path.name}: it is part {part.number} of the run, where part {expected} should be")
+            if part.number < expected:
+                continue
+            expected = part.number + 1
+            is_ended = END_FILE in file.attachments
+            self.is_cut = self.is_cut or file.is_cut
+            self._report(*file.damage)
+            yield file
+            self._report(*file.damage)  # what the messages showed
+        self.is_cut = self.is_cut or not is_ended
+
+    def _report(self, *damage: str) -> None:
+        self.damage += [text for text in damage if text not in self.damage]
 
     def _records(self, file: Salvage) -> Iterator[tuple[CycleRecord, int, int]]:
         """The cycles of a file, each with how many texts about it there are and were."""
@@ -92,6 +124,11 @@ class RecordedRun:
             if topic == EVENTS_TOPIC:
                 cycle, found = cdr.read_cycle_events(message.data)
                 texts.setdefault(cycle, []).extend(found)
+            elif topic == STATE_TOPIC:
+                try:
+                    self._newest = unpack_state(cdr.read_state(message.data))
+                except msgspec.DecodeError as error:
+                    self._report(f"{file.path.name}: a message on {STATE_TOPIC} is damaged: {error}")
             elif topic == CYCLE_TOPIC:
                 try:
                     record, events = self._message.unpack(message.data)
@@ -104,9 +141,8 @@ class RecordedRun:
 
     def _lack(self, first: int, end: int) -> None:
         self.missing.append((first, end - 1))
-        if first == 0:
-            self.gap = self.gap or f"the log begins with cycle {end}, and a replay needs the run from its beginning"
-        self.gap = self.gap or f"cycles {first} to {end - 1} are missing in the log"
+        missing = f"cycles {first} to {end - 1} are missing in the log"
+        self.gap = self.gap or (f"the log begins with cycle {end}" if first == 0 else missing)
 
 
 class RecordedRobot(NoStage):
@@ -151,7 +187,8 @@ class RecordedRobot(NoStage):
         lost = self._next_reasons("exchange" if is_first else "send")
         if lost is not None:
             raise LinkLostError("; ".join(lost))
-        return self.record.sensors
+        # Their events are with the cycle that they were recorded with.
+        return self.record.sensors if is_first else replace(self.record.sensors, events=())
 
     def arm(self) -> None:
         """Arm, unless it was refused.
@@ -171,8 +208,12 @@ class RecordedRobot(NoStage):
         """Nothing to disarm."""
 
     def take_inbox(self) -> Inbox:
-        """What arrived in this cycle."""
-        return (self.record.inbox if self.record is not None else None) or Inbox()
+        """What arrived in this cycle; what was written in it is to be written again."""
+        inbox = (self.record.inbox if self.record is not None else None) or Inbox()
+        if self.record is None or self.record.cycle == 0 or not inbox.written:
+            return inbox  # what is recorded in the first cycle was written before the initial equations
+        writes = [VariableWrite(values, lambda _refusal: None) for values, _ in writes_in(inbox.written)]
+        return replace(inbox, writes=writes, written=[])
 
     def now_ns(self) -> int:
         """When the cycle started. Nothing else that a cycle reads of a clock decides."""
@@ -190,15 +231,31 @@ class RecordedRobot(NoStage):
         return self._answers.popleft().reasons if self._answers and self._answers[0].call == call else None
 
 
+def writes_in(written: Sequence[Written]) -> Iterator[tuple[list[tuple[str, float]], str]]:
+    """What was written together, in order, each with why it was refused, or empty."""
+    values: list[tuple[str, float]] = []
+    for name, value, refusal, has_more in written:
+        values.append((name, value))
+        if not has_more:
+            yield values, refusal
+            values = []
+
+
 def _decoded(file: Salvage, name: str, kind: type[_T]) -> _T:
     if name not in file.attachments:
         raise RecordingError(f"{file.path} cannot be replayed: it is no log of a run (there is no {name} in it)")
     try:
         return msgspec.json.decode(file.attachments[name], type=kind)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+        problem = shortened(str(error))
         raise RecordingError(
-            f"{file.path} cannot be replayed: its {name} is of another version of segway-ecc: {error}"
+            f"{file.path} cannot be replayed: its {name} is of another version of segway-ecc: {problem}"
         ) from error
+
+
+def _part_of(file: Salvage, number: int) -> LogPart:
+    """Which file of which run it is; of one from before that was written, the file that it is named as."""
+    return _decoded(file, PART_FILE, LogPart) if PART_FILE in file.attachments else LogPart("", number)
 
 
 def _lacks(record: CycleRecord, found: int, events: int) -> str | None:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The other end of the model node's topics: sends a manoeuvre whole, and receives what the robot publishes of it."""
 
-import importlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from segway_ecc.node.cycle.report import MODE_SUFFIX
@@ -22,18 +21,23 @@ from segway_ecc.node.ros.trajectories import (
     trajectory_message,
 )
 from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
-from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Odometry, Player, PlayState
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Odometry, Player, PlayState, start_stamp
 
 _DEPTH: Final = 10
 _ODOMETRY_DEPTH: Final = 1000
 """Odometry of ten seconds at 100 Hz may wait for us without loss."""
 _SPIN_S: Final = 0.1
-_SILENCE_S: Final = 2.0
+_SILENCE_S: Final = 8.0
+"""A model node whose ROS process died publishes again before, and the manoeuvre goes on meanwhile."""
 _ANSWER_S: Final = 2.0
 _AGAIN_S: Final = 0.5
 """Without an answer a trajectory is sent again after so long: that we see a robot does not mean that it sees us."""
 _CONFIRMED_WITHIN_S: Final = 10.0
 """The robot repeats each second what became of a sequence, and DDS within 3 s what was lost."""
+_TURNS: Final = 10
+"""Each publisher counts its messages: where several publish the count goes back all the time, with a new one once."""
+_LOOK_S: Final = 1.0
+"""Robots publish at 20 Hz and more; those that are slower are found while the manoeuvre is played."""
 _LONGEST_LEAD_NS: Final = 8_000_000_000
 
 
@@ -48,26 +52,28 @@ class Commander:
         reason: Why it is in that mode.
     """
 
-    def __init__(self, node: RosObject, robot_node: str, stopped: Callable[[], str | None]) -> None:
+    def __init__(
+        self, node: RosObject, executor: RosObject, robot_node: str, stopped: Callable[[], str | None]
+    ) -> None:
         """Use `node`, an rclpy node of the robot's namespace, to command the model node named `robot_node`.
 
         Args:
             node: Publishes the trajectory.
+            executor: Of that node; see `steady_executor`.
             robot_node: Name of the model node.
             stopped: Polled often; returns the signal that is to end what goes on, or None. (An exception raised in a
                 signal handler would be lost where it hits rclpy's C++ code.)
         """
-        executors = importlib.import_module("rclpy.executors")
         self.mode: Mode | None = None
         self.reason = ""
         self._stopped = stopped
         self._node = node
-        self._executor = executors.SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(node)
+        self._executor = executor
         self._publisher = node.create_publisher(message_type(TRAJECTORY_TYPE), TRAJECTORY_TOPIC, _DEPTH)
         self._arm_type = message_type("std_srvs/srv/Trigger")
         self._arm = node.create_client(self._arm_type, f"{robot_node}/{Action.ARM}")
         self._latest_ns = 0
+        self._number = self._turns = 0
         self._has_status = False
         self._armed_ns = 0
         node.create_subscription(message_type("nav_msgs/msg/Odometry"), "odom", self._receive_odometry, _ODOMETRY_DEPTH)
@@ -76,14 +82,22 @@ class Commander:
         diagnostics_type = message_type("diagnostic_msgs/msg/DiagnosticArray")
         node.create_subscription(diagnostics_type, "diagnostics", self._receive_diagnostics, _DEPTH)
 
+    @property
+    def loss(self) -> str:
+        """Why odometry of the robot may be missing, as far as it is known here."""
+        if self._turns:
+            return "the robot's ROS process ended meanwhile and was replaced (its console has when)"
+        return "on the way, it is not known where (a busy machine or a poor network loses messages)"
+
     def wait_for_robot(self, wait_s: float, *, arm: bool = False) -> None:
         """Wait until the model node's topics are received, and it is armed; with `arm` it is, should it not be.
 
         Raises:
-            NobodyListensError: Nobody did within `wait_s`, or the robot is not armed.
+            NobodyListensError: Nobody did within `wait_s`, or several robots did, or the robot is not armed.
             AbandonedError: A signal came.
         """
         self._spin_until(lambda: self.mode is not None and self._has_status and bool(self._latest_ns), wait_s)
+        self._look_around()
         if arm and self.mode not in ACTIVE:
             self._arm.wait_for_service(_ANSWER_S)
             answer = self._arm.call_async(self._arm_type.Request())
@@ -108,7 +122,7 @@ class Commander:
             wait_s: How long to wait for the robot to accept it, s.
 
         Raises:
-            NobodyListensError: The robot did not answer within `wait_s`.
+            NobodyListensError: The robot did not answer within `wait_s`, or several robots are in its namespace.
             SequenceError: The robot refused it, or did not confirm its end.
             RobotLostError: The model node fell silent, or broke it off.
             AbandonedError: A signal came; the manoeuvre was cancelled.
@@ -121,22 +135,24 @@ class Commander:
             raise AbandonedError(f"{error}; {self._cancel(player)}") from None
         except NodeError:
             self._cancel(player)  # it may have been accepted, and go on without us
+            self._look_around()  # what two robots answer contradicts itself
             raise
 
     def _offer(self, player: Player, wait_s: float) -> None:
         """Send it until the robot answers, and anew, with more time, where it came too late to begin when it was to."""
         lead_ns, waited_s, unanswered_s = LEAD_NS, 0.0, 0.0
-        trajectory = player.trajectory(self._latest_ns + lead_ns)
+        trajectory = player.trajectory(start_stamp(self._latest_ns, lead_ns))
         self._send(trajectory)
         while player.state in (PlayState.WAITING, PlayState.REFUSED):
             elapsed_s = self._spin()
+            self._check_alone()
             waited_s, unanswered_s = waited_s + elapsed_s, unanswered_s + elapsed_s
             if player.state is PlayState.REFUSED:
                 reason = player.status.reason if player.status is not None else ""
                 if not reason.startswith(TOO_LATE) or waited_s > wait_s:
                     raise SequenceError(f"the robot refused the sequence: {reason}")
                 lead_ns = min(2 * lead_ns, _LONGEST_LEAD_NS)
-                trajectory, unanswered_s = player.trajectory(self._latest_ns + lead_ns), _AGAIN_S
+                trajectory, unanswered_s = player.trajectory(start_stamp(self._latest_ns, lead_ns)), _AGAIN_S
             elif waited_s > wait_s:
                 raise NobodyListensError(
                     f"the model node did not answer on {STATUS_TOPIC} within {wait_s:g} s whether it takes the sequence"
@@ -150,6 +166,7 @@ class Commander:
         while player.state is PlayState.RUNNING:
             before_ns = self._latest_ns
             elapsed_s = self._spin()
+            self._check_alone()
             silent_s = silent_s + elapsed_s if self._latest_ns == before_ns else 0.0
             on_progress(player.fraction)
             if self.mode not in ACTIVE:
@@ -175,6 +192,22 @@ class Commander:
                 again_s += _AGAIN_S
             waited_s += self._spin()
         return "the robot was stopped"
+
+    def _look_around(self) -> None:
+        """Where several publish odometry, wait until it shows whether all of them still do; see `_check_alone`."""
+        looked_s = 0.0
+        while self._node.count_publishers("odom") > 1 and looked_s < _LOOK_S:
+            looked_s += self._spin()
+            self._check_alone()
+
+    def _check_alone(self) -> None:
+        """Make sure that one robot answers, not several; one whose process was replaced is still seen for 20 s."""
+        count = self._node.count_publishers("odom")
+        if count > 1 and self._turns > _TURNS:
+            raise NobodyListensError(
+                f"{count} robots are in namespace {self._node.get_namespace()}, and which one answers is not known: "
+                "give each its own with --namespace"
+            )
 
     def _spin(self) -> float:
         """Handle what arrives; return how long that took, s, in which this process could have handled more.
@@ -209,7 +242,10 @@ class Commander:
     def _send(self, trajectory: Trajectory) -> None:
         self._publisher.publish(trajectory_message(trajectory))
 
-    def _receive_odometry(self, message: RosObject) -> None:
+    def _receive_odometry(self, message: RosObject, info: Mapping[str, int]) -> None:
+        number = info["publication_sequence_number"]
+        self._turns += number <= self._number
+        self._number = number
         pose, twist = message.pose.pose, message.twist.twist
         heading = math.remainder(2.0 * math.atan2(pose.orientation.z, pose.orientation.w), math.tau)
         self._latest_ns = stamp_ns(message.header)
@@ -230,4 +266,6 @@ class Commander:
         for status in message.status:
             if status.name.endswith(MODE_SUFFIX):
                 values = {pair.key: pair.value for pair in status.values}
-                self.mode, self.reason = Mode(values["mode"]), values["reason"]
+                mode = values.get("mode", "")
+                if mode in Mode.__members__:  # others in this namespace may have modes of their own
+                    self.mode, self.reason = Mode(mode), values.get("reason", "")

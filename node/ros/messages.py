@@ -26,6 +26,15 @@ def message_type(name: str) -> RosObject:
     return getattr(importlib.import_module(f"{package}.{kind}"), type_name)
 
 
+def decode_message(data: bytes, kind: RosObject) -> RosObject:
+    """A message of a type from the bytes that DDS carries.
+
+    Raises:
+        RuntimeError: They are no such message.
+    """
+    return importlib.import_module("rclpy.serialization").deserialize_message(data, kind)
+
+
 def newest_only() -> RosObject:
     """Quality of service for what only the newest of matters: a lost message is not sent again."""
     qos = importlib.import_module("rclpy.qos")
@@ -98,7 +107,13 @@ class Template:
 
 
 def _offset(message: RosObject, path: str, number: str, serialize: Callable[[RosObject], bytes]) -> int:
-    """Where a number is in the bytes: where they differ between two values that have no byte in common."""
+    """Where a number is in the bytes: the one place that holds each of two values.
+
+    Not the first place that differs: what lies between the fields, to align them, is of no value and never written.
+
+    Raises:
+        ValueError: There is no such place, or more than one.
+    """
     *way, name = path.split(".")
     parent = functools.reduce(getattr, way, message)
     is_item = name.isdecimal()
@@ -118,7 +133,8 @@ def _offset(message: RosObject, path: str, number: str, serialize: Callable[[Ros
         serialized.append(serialize(message))
     write(before)
     one, other = serialized
-    offset = next((place for place, pair in enumerate(zip(one, other, strict=True)) if pair[0] != pair[1]), 0)
-    if one[offset : offset + size] != first or other[offset : offset + size] != second:
+    places = range(len(one) - size + 1)
+    found = [at for at in places if one[at : at + size] == first and other[at : at + size] == second]
+    if len(found) != 1:
         raise ValueError(f"{path} is no number of the format '{number}' in the message")
-    return offset
+    return found[0]

@@ -8,6 +8,7 @@ Neither side waits for the other: what lies between them is memory (`segway_ecc.
 import contextlib
 import faulthandler
 import importlib
+import json
 import logging
 import os
 import queue
@@ -24,8 +25,9 @@ import msgspec
 from segway_ecc.node.cycle.interfaces import Inbox
 from segway_ecc.node.cycle.real_time import HELPERS_PRIORITY, SWITCH_INTERVAL_S, helping_threads, real_time_priority
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.errors import ModelError, RosUnavailableError
+from segway_ecc.node.errors import ModelError, RosUnavailableError, shortened
 from segway_ecc.node.logs import messages
+from segway_ecc.node.model.writer import Values
 from segway_ecc.node.ring import RingReader, RingWriter
 from segway_ecc.node.ros import protocol
 from segway_ecc.node.ros.messages import RosObject
@@ -50,6 +52,8 @@ _LOOK_AROUND_S: Final = 0.5
 _ANSWER_S: Final = 1.0
 _IN_ONE_MESSAGE: Final = 50
 """Set-points and values, so that no message fills the ring."""
+_LARGEST_WRITE: Final = 4096
+"""Of a request to write parameters, in bytes: half of the ring."""
 _UNANSWERED: Final = 100
 """Requests that may wait for the loop's answer; the oldest is discarded."""
 
@@ -118,7 +122,10 @@ class Subscriptions:
                 stage.serve_parameters(ready)
                 if time.monotonic() > look_s:
                     look_s = time.monotonic() + _LOOK_AROUND_S
+                    seen = len(stage.strangers)
                     stage.do_background_work()
+                    if len(stage.strangers) > seen:
+                        self.put(protocol.ToLoop.STRANGERS, [shortened(text) for text in stage.strangers])
         finally:
             self.is_running = False
 
@@ -128,14 +135,17 @@ class Subscriptions:
         if send is not None:
             send(answered.answer)
 
-    def write(self, name: str, value: float) -> None:
-        """Have the loop write a parameter of the model.
+    def write(self, values: Values) -> None:
+        """Have the loop write parameters of the model, all of them or none.
 
         Raises:
-            ModelError: The model refuses it, or the loop does not answer.
+            ModelError: They are refused, or too many at once, or the loop does not answer.
         """
         self._number += 1
-        self.put(protocol.ToLoop.WRITE, protocol.WriteRequest(self._number, name, value))
+        request = protocol.WriteRequest(self._number, tuple(values))
+        if len(protocol.encoder.encode(request)) > _LARGEST_WRITE:
+            raise ModelError(f"{len(values)} parameters are too many at once: set them in several requests")
+        self.put(protocol.ToLoop.WRITE, request)
         deadline_s = time.monotonic() + _ANSWER_S
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
@@ -146,7 +156,8 @@ class Subscriptions:
                 if result.refusal is not None:
                     raise ModelError(result.refusal)
                 return
-        raise ModelError(f"the loop did not answer within {_ANSWER_S:g} s: whether '{name}' was written is not known")
+        names = ", ".join(f"'{name}'" for name, _ in values)
+        raise ModelError(f"the loop did not answer within {_ANSWER_S:g} s: whether {names} was written is not known")
 
     def hand_over(self, inbox: Inbox) -> None:
         """Hand over what has arrived, in messages that fit."""
@@ -158,14 +169,16 @@ class Subscriptions:
                 del self._answers[next(iter(self._answers))]
             requests.append(protocol.NumberedRequest(request.action, self._number))
         setpoints, values, stations = inbox.setpoints, inbox.values, inbox.stations
-        while setpoints or values or stations or requests:
-            message = protocol.InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
-            self.put(protocol.ToLoop.INBOX, message)
-            setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
-        for stamp_ns, points in inbox.trajectories:
+        introductions = inbox.introductions
+        while setpoints or values or stations or requests or introductions:
+            numbers = setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE]
+            self.put(protocol.ToLoop.INBOX, protocol.InboxMessage(*numbers, stations, requests, introductions))
+            setpoints, values = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:]
+            stations, requests, introductions = [], [], []
+        for stamp_ns, points, unsupported in inbox.trajectories:
             for begin in range(0, len(points) or 1, _IN_ONE_MESSAGE):
-                part = points[begin : begin + _IN_ONE_MESSAGE]
-                self.put(protocol.ToLoop.TRAJECTORY, protocol.TrajectoryPart(stamp_ns, part, begin, len(points)))
+                part = points[begin : begin + _IN_ONE_MESSAGE], begin, len(points)
+                self.put(protocol.ToLoop.TRAJECTORY, protocol.TrajectoryPart(stamp_ns, *part, unsupported))
 
     def put(self, kind: protocol.ToLoop, what: object) -> None:
         """Hand a message over, in any thread; wait where there is no room: DDS keeps what is newest."""
@@ -256,12 +269,15 @@ def run_ros(settings: protocol.RosSettings, source: int) -> None:
             listening = threading.Thread(target=subscriptions.run, args=(wait_set, stage), name="subscriptions")
             listening.start()
         publishing = Publishing(stage, subscriptions, RingReader(settings.reports), settings.period_ns)
-        print("ready", flush=True)  # noqa: T201 - read by who started this process
+        with contextlib.suppress(BrokenPipeError):  # the loop's process has ended: `source` shows it
+            print("ready", json.dumps(stage.overrides), flush=True)  # noqa: T201 - read by who started this process
         try:
             with real_time_priority(HELPERS_PRIORITY):
                 publishing.run(source)
         finally:
-            faulthandler.dump_traceback_later(_LEAVES_S, exit=True)
+            # Where each thread is matters to nobody who leaves.
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            faulthandler.dump_traceback_later(_LEAVES_S, exit=True, file=nowhere)
             subscriptions.is_running = False
             wait_set.wake()
             listening.join()

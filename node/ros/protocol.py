@@ -12,10 +12,16 @@ from segway_ecc.node.cycle.interfaces import Heartbeat, Report, SetValue, Stampe
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.trajectory import TimedSetpoint
 from segway_ecc.node.model.model import Variable
+from segway_ecc.node.ring import slots_for
 from segway_ecc.node.safety.modes import Action, Answer
 
+WATCH_TOPIC: Final = "watch"
+"""Where a base station introduces itself."""
+WATCH_TYPE: Final = "std_msgs/msg/String"
 _NUMBER_BYTES: Final = 9
 """Of MessagePack, at most."""
+_REPORTS: Final = 64
+"""Cycles that the process may fall behind."""
 _REPORT_BYTES: Final = 2304
 """All else of a report, and as much as it needs of diagnostics."""
 
@@ -44,6 +50,8 @@ class ToLoop(enum.IntEnum):
     """Whether anybody subscribes to what is published of each cycle."""
     TRAJECTORY = 4
     """A part of a trajectory."""
+    STRANGERS = 5
+    """Who else publishes the robot's topics; all that were seen."""
 
 
 class NumberedRequest(NamedTuple):
@@ -60,6 +68,7 @@ class InboxMessage(NamedTuple):
     values: list[SetValue]
     stations: list[Heartbeat]
     requests: list[NumberedRequest]
+    introductions: list[str]
 
 
 class TrajectoryPart(NamedTuple):
@@ -69,6 +78,7 @@ class TrajectoryPart(NamedTuple):
     points: Sequence[TimedSetpoint]
     begin: int
     total: int
+    unsupported: str = ""
 
 
 class NumberedAnswer(NamedTuple):
@@ -79,15 +89,14 @@ class NumberedAnswer(NamedTuple):
 
 
 class WriteRequest(NamedTuple):
-    """A parameter that is to be written, and the number that the loop's word on it bears."""
+    """Parameters that are to be written together, and the number that the loop's answer bears."""
 
     number: int
-    name: str
-    value: float
+    values: tuple[tuple[str, float], ...]
 
 
 class WriteResult(NamedTuple):
-    """What came of writing a parameter: nothing, or why it was refused."""
+    """What came of writing parameters: nothing, or why they were refused."""
 
     number: int
     refusal: str | None
@@ -104,9 +113,11 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
         published: The published signals, in the order of the wiring.
         topics: Topics that variables are published on, in the order of the wiring.
         set_names: Names of the values that anybody may set, in the order of the wiring.
-        parameters: The model's parameters, each with the value that it has now.
+        stand: Of these the one that stands the robot up or sits it down; None where it has no posture.
+        parameters: The model's parameters as the robot declares them, each with the value that it has now.
         reports: File descriptor of the ring from the loop.
         inboxes: That of the ring to the loop.
+        is_again: Whether it takes the place of one that has died: `parameters` count, not the command line.
     """
 
     robot: str
@@ -117,15 +128,17 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     published: tuple[str, ...]
     topics: tuple[str, ...]
     set_names: tuple[str, ...]
+    stand: str | None
     parameters: tuple[Variable, ...]
     reports: int
     inboxes: int
+    is_again: bool = False
 
     @property
-    def report_bytes(self) -> int:
-        """Size of a cycle's report, unless its reasons are long."""
+    def report_slots(self) -> int:
+        """Of the ring from the loop; a cycle's report may need more than its share where its reasons are long."""
         numbers = len(self.published) + len(self.topics) + len(self.set_names)
-        return _REPORT_BYTES + _NUMBER_BYTES * numbers
+        return _REPORTS * slots_for(_REPORT_BYTES + _NUMBER_BYTES * numbers)
 
 
 encoder: Final = msgspec.msgpack.Encoder(enc_hook=float)
@@ -138,4 +151,5 @@ decode_write_result: Final = msgspec.msgpack.Decoder(WriteResult).decode
 decode_trajectory: Final = msgspec.msgpack.Decoder(TrajectoryPart).decode
 decode_inbox: Final = msgspec.msgpack.Decoder(InboxMessage).decode
 decode_write_request: Final = msgspec.msgpack.Decoder(WriteRequest).decode
+decode_strangers: Final = msgspec.msgpack.Decoder(list[str]).decode
 decode_subscribed: Final = msgspec.msgpack.Decoder(bool).decode

@@ -9,11 +9,13 @@ shared memory among themselves and UDP with ours.
 """
 
 import contextlib
+import ctypes
 import importlib
 import importlib.util
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,15 +39,21 @@ _GENERATORS: Final = "rosidl_generator_py.generate_py_impl"
 _NEEDED: Final = tuple(name.partition(".")[0] for name in _MODULES)
 _ROS_OWN: Final = ("/rosout", "/parameter_events")
 
+UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
+"""The graph's name of a node of which only a topic was discovered yet."""
 PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Names the file of profiles that Fast DDS 2.14 reads when the process makes its first participant."""
 
 TRANSPORTS: Final = "FASTDDS_BUILTIN_TRANSPORTS"
 RMW: Final = "RMW_IMPLEMENTATION"
+DOMAIN: Final = "ROS_DOMAIN_ID"
+_LAST_DOMAIN: Final = 232
+"""Of a larger one the ports would be no ports (OMG DDSI-RTPS 2.3, 9.6.1)."""
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS: Final = "ROS_STATIC_PEERS"
 LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
 
+_WAKE_S: Final = 0.1
 _OWN_FILE: Final = Path("DEFAULT_FASTRTPS_PROFILES.xml")
 """What Fast DDS reads from the working directory."""
 
@@ -84,7 +92,31 @@ def missing_packages() -> list[str]:
 
 
 def require_ros() -> None:
-    """Make sure that ROS is there.
+    """Make sure that ROS is there, and starts with the environment as it is.
+
+    Raises:
+        RosUnavailableError: With what is wrong and how to correct it.
+    """
+    require_packages()
+    domain, rmw = os.environ.get(DOMAIN, ""), os.environ.get(RMW, "")
+    if domain and not (domain.isascii() and domain.isdecimal() and int(domain) <= _LAST_DOMAIN):
+        raise RosUnavailableError(f"{DOMAIN} is '{domain}': it must be a whole number from 0 to {_LAST_DOMAIN}")
+    if rmw and not _is_installed(rmw):  # rclpy would end this process with status 102
+        raise RosUnavailableError(f"{RMW} is '{rmw}', which is not installed here: install it, or unset {RMW}")
+
+
+def _is_installed(rmw: str) -> bool:
+    if rmw.isidentifier() and importlib.util.find_spec(rmw) is not None:
+        return True
+    try:
+        ctypes.CDLL(f"lib{rmw}.so")
+    except OSError:
+        return False
+    return True
+
+
+def require_packages() -> None:
+    """Make sure that the packages of ROS are there.
 
     Raises:
         RosUnavailableError: With what is missing and how to get it.
@@ -122,7 +154,8 @@ def ros_node(
         name: Name of the node.
         namespace: Its namespace; relative topic names live in it.
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
-        parameters: Whether it offers the parameter services; the caller has to serve them.
+        parameters: Whether it offers the parameter services, which the caller has to serve, and has those parameters
+            that are given on the command line.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -142,6 +175,7 @@ def ros_node(
                 context=context,
                 start_parameter_services=parameters,
                 enable_rosout=False,
+                automatically_declare_parameters_from_overrides=parameters,
                 # No executor would ever answer it.
                 parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],
             )
@@ -152,6 +186,31 @@ def ros_node(
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
+
+
+@contextlib.contextmanager
+def steady_executor(node: RosObject) -> Iterator[RosObject]:
+    """An executor of a node, none of whose waits lasts more than 0.1 s longer than it was asked to.
+
+    Fast DDS waits until a time of the wall clock: where that was set back by an hour, a wait of 0.1 s took an hour. A
+    thread of ours, which waits by the monotonic clock, ends it.
+    """
+    executor = importlib.import_module("rclpy.executors").SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    is_over = threading.Event()
+
+    def wake() -> None:
+        while not is_over.wait(_WAKE_S):
+            executor.wake()
+
+    waker = threading.Thread(target=wake, name="waker", daemon=True)
+    waker.start()
+    try:
+        yield executor
+    finally:
+        is_over.set()
+        waker.join()
+        executor.shutdown()
 
 
 def discovery_text() -> str:
@@ -198,6 +257,13 @@ def mismatches(node: RosObject, subscription: RosObject) -> Iterator[str]:
                 f"{_full_name(peer)} publishes {topic} best-effort, and we ask for reliable: they never meet. "
                 "Set its reliability to reliable"
             )
+
+
+def strangers(node: RosObject, topic: str) -> tuple[list[str], int]:
+    """Who else publishes a topic that `node` publishes: nodes of other names, and how many of its own beside it."""
+    names = [_full_name(peer) for peer in node.get_publishers_info_by_topic(topic) if peer.node_name != UNKNOWN_NODE]
+    own = node.get_fully_qualified_name()
+    return sorted({name for name in names if name != own}), max(names.count(own) - 1, 0)
 
 
 def _full_name(info: RosObject) -> str:

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
 """The robot in ROS: takes messages from its own handles, publishes, serves the model's parameters; no executor runs."""
 
+import contextlib
 import importlib
 import logging
+import math
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence, Sized
 from functools import partial
 from typing import Final
 
@@ -12,13 +15,14 @@ from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, 
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.model import Variable, Write, refusal_of
+from segway_ecc.node.model.writer import Values
 from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_type, newest_only, stamp_ns
-from segway_ecc.node.ros.protocol import RosSettings
+from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE, RosSettings
 from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_topics
-from segway_ecc.node.ros.runtime import mismatches
+from segway_ecc.node.ros.runtime import mismatches, strangers
 from segway_ecc.node.ros.trajectories import TRAJECTORY_TOPIC, TRAJECTORY_TYPE, read_trajectory
-from segway_ecc.node.safety.modes import Action, Answer
+from segway_ecc.node.safety.modes import POSTURES, Action, Answer
 
 _TAKEN_AT_ONCE: Final = 100
 """Messages taken from one topic at once at most, so that a flood delays none of the others."""
@@ -26,12 +30,22 @@ _COMMAND_DEPTH: Final = 10
 LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _WARNINGS_AT_MOST: Final = 100
+_DECIDED_BY: Final = ("mode", "odom", "setpoint", "trajectory_status")
+_LEFT_OVER_LOOKS: Final = 10
+"""One comes each 3 s for each topic."""
+_MOST_STRANGERS: Final = 20
+_MOST_ENTRIES: Final = 1000
+"""Of a request for parameters, beside as many as there are: what is longer delays a stop by seconds."""
+_REPORTED: Final = 10
+"""Of the parameters of one request that ROS refused."""
 _EFFECT: Final = {
     Write.NOW: "a write takes effect at the next step",
     Write.STATIC: "a write takes effect at the next step, through the static equations",
     Write.RESET: "a write takes effect when the model is initialized again",
     Write.NEVER: "cannot be written while the robot runs",
 }
+_ROS_OWN: Final = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+"""Parameters that ROS itself declares."""
 _logger = logging.getLogger(__name__)
 
 
@@ -41,23 +55,30 @@ class RosStage:
     Attributes:
         subscriptions: Where something may arrive for `take_messages`.
         services: Where something may arrive for `take_messages`, or for `serve_parameters`.
+        overrides: See `ModelParameters`.
+        strangers: Who else publishes our topics, each with the topic; of those that were ever seen, 20 at most.
     """
 
-    def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[str, float], None]) -> None:
-        """Offer a robot's topics, services and parameters; `write` writes one of the model or raises `ModelError`."""
+    def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[Values], None]) -> None:
+        """Offer a robot's topics, services and parameters; `write` writes some of the model or raises `ModelError`."""
         self._node = node
         self._topics = make_topics(node, settings)
         self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
         self.subscriptions: list[RosObject] = []
-        self._subscribe_inputs(settings.set_names)
+        self._subscribe_inputs(settings)
         self._watched = tuple(self.subscriptions[:2])  # the set-points
-        own_services = [self._serve(action) for action in Action]
-        self._parameters = ModelParameters(node, settings.parameters, write, own_services)
+        # Of what stations and players decide by; others may publish joint_states or diagnostics beside us.
+        self._own_topics = tuple(node.resolve_topic_name(name) for name in _DECIDED_BY)
+        self._doubled: Counter[str] = Counter()
+        own_services = [self._serve(each) for each in Action if settings.stand is not None or each not in POSTURES]
+        self._parameters = ModelParameters(node, settings.parameters, write, own_services, is_again=settings.is_again)
         self.services = [*own_services, *self._parameters.services]
+        self.overrides = self._parameters.overrides
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._looks = 0
+        self.strangers: list[str] = []
         self._warnings: set[str] = set()
 
     def take_messages(self, ready: Collection[int]) -> Inbox:
@@ -96,15 +117,30 @@ class RosStage:
             self._guarded(self._parameters.serve, ready)
 
     def do_background_work(self) -> None:
-        """Look for publishers that never reach us, on another topic each time, and warn of each once."""
+        """Look for publishers that never reach us, or that publish what is ours; another topic each time."""
         self._looks += 1
-        subscription = self._watched[self._looks % len(self._watched)]
+        looks = (
+            *(partial(self._look_for_mismatches, each) for each in self._watched),
+            *(partial(self._look_for_strangers, each) for each in self._own_topics),
+        )
+        self._guarded(looks[self._looks % len(looks)])
 
-        def look() -> None:
-            for text in mismatches(self._node, subscription):
-                self._warn_once(text)
+    def _look_for_mismatches(self, subscription: RosObject) -> None:
+        for text in mismatches(self._node, subscription):
+            self._warn_once(text)
 
-        self._guarded(look)
+    def _look_for_strangers(self, topic: str) -> None:
+        """Report each other publisher of a topic of ours once."""
+        others, doubles = strangers(self._node, topic)
+        # One of our own name may be the process that we have replaced, which others see for 20 s.
+        self._doubled[topic] = self._doubled[topic] + 1 if doubles else 0
+        if self._doubled[topic] > _LEFT_OVER_LOOKS:
+            others.append(f"another {self._node.get_fully_qualified_name()}")
+        for other in others:
+            text = f"{other} publishes {topic}, too"
+            if text not in self.strangers and len(self.strangers) < _MOST_STRANGERS:
+                self.strangers.append(text)
+                self._warn_once(f"{text}: who subscribes to it cannot know which is this robot's")
 
     def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
         """Call into ROS; what fails there is logged, and the robot goes on without it."""
@@ -118,7 +154,7 @@ class RosStage:
             self._warnings.add(text)
             _logger.warning(text)
 
-    def _subscribe_inputs(self, set_names: Sequence[str]) -> None:
+    def _subscribe_inputs(self, settings: RosSettings) -> None:
         def take_twist(inbox: Inbox, message: RosObject) -> None:
             inbox.setpoints.append(StampedSetpoint(Setpoint(message.linear.x, message.angular.z), None))
 
@@ -132,17 +168,23 @@ class RosStage:
         def take_heartbeat(inbox: Inbox, message: RosObject) -> None:
             inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))
 
-        def take_trajectory(inbox: Inbox, message: RosObject) -> None:
-            inbox.trajectories.append(read_trajectory(message))
+        def take_introduction(inbox: Inbox, message: RosObject) -> None:
+            name = message.data[:LONGEST_NAME]
+            if name and name.isprintable():  # it is logged
+                inbox.introductions.append(name)
+
+        def take_trajectory(inbox: Inbox, data: bytes) -> None:
+            inbox.trajectories.append(read_trajectory(data, settings.ros.base_frame))
 
         self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
         self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
         # One is taken at once, so that many of them delay nothing.
         self._subscribe(TRAJECTORY_TOPIC, TRAJECTORY_TYPE, _COMMAND_DEPTH, take_trajectory, at_once=1)
-        for place, name in enumerate(set_names):
+        for place, name in enumerate(settings.set_names):
             self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, partial(take_value, place))
         # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them delays nothing.
         self._subscribe("station", "std_msgs/msg/Header", newest_only(), take_heartbeat, at_once=1)
+        self._subscribe(WATCH_TOPIC, WATCH_TYPE, _COMMAND_DEPTH, take_introduction, at_once=1)
 
     def _subscribe(
         self,
@@ -152,13 +194,14 @@ class RosStage:
         take: Callable[[Inbox, RosObject], None],
         at_once: int = _TAKEN_AT_ONCE,
     ) -> None:
+        raw = type_name == TRAJECTORY_TYPE  # the only one with arrays, which take long to decode where they are long
         kind = message_type(type_name)
         subscription = self._node.create_subscription(kind, topic, _never_called, qos)
         handle = subscription.handle
 
         def take_all(inbox: Inbox) -> None:
             for _ in range(at_once):
-                taken = handle.take_message(kind, False)  # noqa: FBT003 - rclpy's signature: not raw
+                taken = handle.take_message(kind, raw)
                 if taken is None:
                     return
                 take(inbox, taken[0])
@@ -186,22 +229,35 @@ class RosStage:
 
 
 class ModelParameters:
-    """The model's parameters as ROS parameters of a node; it is the loop that writes them, between two steps."""
+    """The model's parameters as ROS parameters of a node; it is the loop that writes them, between two steps.
+
+    Attributes:
+        overrides: What the command line has of parameters, by the model's names: values, and None where it is no
+            floating-point number. The loop is to write them, or to end where it cannot.
+        services: Where requests arrive.
+    """
 
     def __init__(
         self,
         node: RosObject,
         parameters: Sequence[Variable],
-        write: Callable[[str, float], None],
+        write: Callable[[Values], None],
         own_services: Sequence[RosObject],
+        *,
+        is_again: bool = False,
     ) -> None:
-        """Declare them on `node`, each with the value that it has now.
+        """Declare them on `node`, each with the value that it has now, or on the command line unless `is_again`.
 
-        `write` writes one by its name, or raises `ModelError`; `own_services` are served by somebody else.
+        `write` writes some, all or none, or raises `ModelError`; `own_services` are served by somebody else.
         """
         self._write = write
+        self._asked: set[str] = set()
         self._names: dict[str, Variable] = {}
         self._result_type = message_type("rcl_interfaces/msg/SetParametersResult")
+        ours = {name: each for name, each in node.get_parameters_by_prefix("").items() if not _ROS_OWN.fullmatch(name)}
+        given = {name: each.value if type(each.value) is float else None for name, each in ours.items()}
+        given = {} if is_again else given
+        self.overrides: dict[str, float | None] = {}
         for variable in parameters:
             name = parameter_name(variable.name, self._names)
             self._names[name] = variable
@@ -210,7 +266,20 @@ class ModelParameters:
                 description=f"{variable.name}, {variable.unit}; {_EFFECT[variable.write]}{why}",
                 read_only=variable.write is Write.NEVER,
             )
-            node.declare_parameter(name, variable.value, descriptor)
+            if variable.write is not Write.NEVER:
+                bounds = {"from_value": variable.minimum, "to_value": variable.maximum}
+                descriptor.floating_point_range = [message_type("rcl_interfaces/msg/FloatingPointRange")(**bounds)]
+                when = "also while the robot is armed" if variable.tunable else "only while the robot is not armed"
+                descriptor.additional_constraints = f"taken {when}"
+            if node.has_parameter(name):
+                node.undeclare_parameter(name)  # it was declared as it was given
+            if name in given:
+                self.overrides[variable.name] = given.pop(name)
+            value = self.overrides.get(variable.name)
+            is_refused = value is None or bool(refusal_of(variable, value))  # by the loop, which then ends
+            shown = variable.value if is_refused else value
+            node.declare_parameter(name, shown, descriptor, ignore_override=True)
+        self.overrides |= given
         node.add_on_set_parameters_callback(self._set)
         self.services = [service for service in node.services if service not in own_services]
 
@@ -220,9 +289,30 @@ class ModelParameters:
             if service.handle.pointer not in ready:
                 continue
             request, header = service.handle.service_take_request(service.srv_type.Request)
-            if request is not None:
-                response = service.callback(request, service.srv_type.Response())
-                service.handle.service_send_response(response, header.request_id)
+            if request is None:
+                continue
+            response, most = service.srv_type.Response(), _MOST_ENTRIES + len(self._names)
+            fields = [getattr(request, name) for name in request.get_fields_and_field_types()]
+            is_too_long = any(len(field) > most for field in fields if isinstance(field, Sized))
+            if not is_too_long:
+                self._asked.clear()
+                response = service.callback(request, response)
+                self._report_refused(request)
+            service.handle.service_send_response(response, header.request_id)
+            if is_too_long:
+                raise RuntimeError(f"a request to {service.srv_name} has more than {most} entries: answered with none")
+
+    def _report_refused(self, request: RosObject) -> None:
+        """Pass on what ROS refused by itself, by range or type: the loop refuses it too, counts it and records it."""
+        double = importlib.import_module("rclpy").Parameter.Type.DOUBLE.value
+        values = [
+            (self._names[each.name].name, each.value.double_value if each.value.type == double else math.nan)
+            for each in getattr(request, "parameters", ())
+            if each.name in self._names and each.name not in self._asked and hasattr(each, "value")
+        ]
+        if values:
+            with contextlib.suppress(ModelError):
+                self._write(values[:_REPORTED])
 
     def _set(self, parameters: Sequence[RosObject]) -> RosObject:
         double = importlib.import_module("rclpy").Parameter.Type.DOUBLE
@@ -231,9 +321,10 @@ class ModelParameters:
         for variable, parameter in ours:
             if parameter.type_ is not double:
                 return self._result_type(successful=False, reason=f"{variable.name} takes a floating-point number")
+        self._asked.update(parameter.name for parameter in parameters)
         try:
-            for variable, parameter in ours:
-                self._write(variable.name, parameter.value)
+            if ours:
+                self._write([(variable.name, parameter.value) for variable, parameter in ours])
         except ModelError as error:
             return self._result_type(successful=False, reason=str(error))
         return self._result_type(successful=True)

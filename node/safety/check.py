@@ -44,11 +44,7 @@ class View:
 
 
 class Check(ABC):
-    """Looks at every cycle.
-
-    Attributes:
-        needs: The signals without whose values it cannot see.
-    """
+    """Looks at every cycle; without the values of the signals that it needs it cannot see."""
 
     needs: tuple[int, ...]
 

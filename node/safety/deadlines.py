@@ -41,11 +41,14 @@ class DeadlineWatch:
         if not is_late:
             self._row = 0
         if row >= self._in_a_row:
-            return f"{row} deadlines in a row were missed"
+            return f"{row} deadlines in a row were missed, fewer than {self._in_a_row} are allowed"
         missed = self._missed
         if not missed.maxlen or len(missed) < missed.maxlen or self._deadline - missed[0] >= self._window:
             return None
-        return f"{len(missed)} of the last {self._window} deadlines were missed"
+        return (
+            f"{len(missed)} of the last {self._window} deadlines were missed, fewer than {missed.maxlen} are allowed: "
+            "a step takes longer than its period, or the machine is too busy"
+        )
 
 
 class RateMeter:

@@ -33,8 +33,7 @@ def slew(commands: Sequence[float], previous: Sequence[float], step: float) -> t
 class CommandLimiter:
     """Keeps commands within the drive's limits, the robot's own, and its slew rate.
 
-    Attributes:
-        limits: Largest magnitude of each command, in its unit.
+    `limits` is the largest magnitude of each command, in its unit.
     """
 
     def __init__(

@@ -12,6 +12,8 @@ from segway_ecc.node.safety.settings import StationSettings
 
 STATION_LOST: Final = "the base station is lost"
 """Why the robot holds, and in the end disarms, when nobody watches over it any more."""
+STOPPED: Final = "stop was pressed"
+"""Why the robot is in FAULT when an operator has put it there."""
 _TRANSITIONS_KEPT: Final = 64
 
 
@@ -41,6 +43,12 @@ class Action(enum.StrEnum):
     DISARM = "disarm"
     STOP = "stop"
     CLEAR_FAULT = "clear_fault"
+    STAND_UP = "stand_up"
+    SIT_DOWN = "sit_down"
+
+
+POSTURES: Final = frozenset({Action.STAND_UP, Action.SIT_DOWN})
+"""What is asked only of a robot whose file has a posture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +65,11 @@ class Transition(NamedTuple):
     cycle: int
     mode: Mode
     reason: str
+
+
+def refused(reasons: Sequence[str]) -> Answer:
+    """No, for these reasons."""
+    return Answer(accepted=False, message="; ".join(reasons))
 
 
 class Modes:
@@ -88,11 +101,11 @@ class Modes:
                     return Answer(accepted=True, message="the motors are off already, by a fault")
                 return self._enter(Mode.DISARMED, "asked to disarm")
             case Action.STOP:
-                return self._enter(Mode.FAULT, "stop was pressed")
-            case Action.CLEAR_FAULT:  # pragma: no branch - there is no other action
-                if self.mode is not Mode.FAULT:
-                    return Answer(accepted=False, message=f"there is no fault to clear: the robot is {self.mode}")
-                return self._enter(Mode.DISARMED, "fault cleared")
+                return self._enter(Mode.FAULT, STOPPED)
+            case Action.CLEAR_FAULT:
+                return self._clear_fault()
+            case Action.STAND_UP | Action.SIT_DOWN:  # pragma: no branch - there is no other action
+                return Answer(accepted=False, message="this robot neither stands up nor sits down on request")
 
     def observe(self, faults: Sequence[str], *, setpoints_silent: bool, station_lost: bool = False) -> None:
         """Look at this cycle's faults, base station and set-points; the most severe wins."""
@@ -124,8 +137,13 @@ class Modes:
         if self.mode in ACTIVE:
             return Answer(accepted=True, message="armed already")
         if failures:
-            return Answer(accepted=False, message="; ".join(failures))
+            return refused(failures)
         return self._enter(Mode.ARMED, "asked to arm")
+
+    def _clear_fault(self) -> Answer:
+        if self.mode is not Mode.FAULT:
+            return Answer(accepted=False, message=f"there is no fault to clear: the robot is {self.mode}")
+        return self._enter(Mode.DISARMED, "fault cleared")
 
     def _enter(self, mode: Mode, reason: str) -> Answer:
         if (mode, reason) != (self.mode, self.reason):
@@ -152,7 +170,7 @@ class Watch(enum.IntEnum):
 
 
 class StationWatch:
-    """Counts the cycles since a heartbeat.
+    """Counts the cycles since a heartbeat of a station that was introduced.
 
     A station whose heartbeat came within the time-out before the robot armed, or at any time since, watches over it
     until it is disarmed. A robot that nobody watches over runs alone.
@@ -171,7 +189,7 @@ class StationWatch:
         self._beat_at: int | None = None
 
     def look(self, cycle: int, *, has_heartbeat: bool, is_live: bool) -> Watch:
-        """Take note of a cycle, by its number, in which a heartbeat of any station came or did not.
+        """Take note of a cycle, by its number, in which such a heartbeat came or did not.
 
         The robot `is_live` where it is armed, or on the way there.
         """

@@ -7,9 +7,18 @@ from typing import Final
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.check import Check, View, periods_in
 from segway_ecc.node.safety.deadlines import DeadlineWatch, RateMeter
-from segway_ecc.node.safety.plausibility import FollowingError, Frozen, RangeCheck, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.plausibility import (
+    MOVING,
+    FollowingError,
+    Frozen,
+    RangeCheck,
+    Runaway,
+    VelocityAgreement,
+    YawAgreement,
+)
+from segway_ecc.node.safety.posture import LIES_FOR_S, Body
 from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
-from segway_ecc.node.safety.settings import SafetySettings
+from segway_ecc.node.safety.settings import ChecklistSettings, SafetySettings
 from segway_ecc.node.safety.tilt import StillWatch, TiltWatch
 
 _SIDES: Final = ("left", "right")
@@ -22,9 +31,9 @@ _SUPPLY: Final = "supply.voltage"
 class SafetyMonitor:
     """Looks at the sensors and the deadlines in every cycle; reports what is wrong, and whether the robot may arm.
 
-    Attributes:
-        needs: Places of the signals that the robot or a check needs; one of them lost is a fault.
-        faults: What was wrong in the newest cycle.
+    The robot or a check `needs` the signals at these places: one of them lost is a fault. `faults` is what was wrong in
+    the newest cycle, `elapsed_s` how long that began after the one before, s, and `body` what is measured there of a
+    robot that has a posture.
     """
 
     def __init__(self, settings: SafetySettings, signals: Sequence[str], used: Sequence[int], period_ns: int) -> None:
@@ -47,13 +56,16 @@ class SafetyMonitor:
             sorted({*used, *(index for check in self._checks for index in check.needs)})
         )
         self.faults: Sequence[str] = ()
+        self.elapsed_s = self._period_s
         limit = settings.late_cycles_limit
         self._deadlines = None if limit is None else DeadlineWatch(limit, period_ns)
         self._deadline_ns: int | None = None
         self._start_ns: int | None = None
         self._rate = RateMeter(period_ns)
-        still = settings.checklist
+        still = settings.checklist or (ChecklistSettings() if settings.posture else None)
         self._still = StillWatch(self._imu, still.still_rate, still.still_acceleration) if still and has_imu else None
+        self._lies_for = periods_in(LIES_FOR_S, self._period_s)
+        self.body = Body(None, is_still=False)
 
     def look(
         self,
@@ -77,6 +89,7 @@ class SafetyMonitor:
         """
         # Values are as new as the cycle that reads them, however many deadlines there were.
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
+        self.elapsed_s = elapsed_s
         self._start_ns = start_ns
         view = View(values, valid, max(round(elapsed_s / self._period_s), 1), setpoint, elapsed_s)
         faults: list[str] = []
@@ -93,6 +106,8 @@ class SafetyMonitor:
         self._rate.mark(start_ns)
         if self._still is not None:
             self._still.look(view)
+        if self._settings.posture is not None and self._tilt is not None:
+            self.body = Body(self._tilt.estimate.tilt, self._is_still(values), view.periods)
         self.faults = faults
         return faults
 
@@ -119,12 +134,24 @@ class SafetyMonitor:
         )
         return list(pre_arm_checks(self._settings.checklist, self._settings.supply, measured))
 
+    def _is_still(self, values: Sequence[float]) -> bool:
+        """Whether body and wheels have been still for a while."""
+        if self._still is None or self._still.periods < self._lies_for:
+            return False
+        return all([abs(values[wheel]) <= MOVING for wheel in self._wheels])  # noqa: C419 - a generator takes longer
+
     def _make_tilt(self) -> TiltWatch | None:
         settings = self._settings
-        is_limited = not (settings.tilt_limit_rad is None and settings.tilt_rate_limit is None)
-        if not is_limited and (settings.checklist is None or not self._imu):
-            return None
-        key = "tilt_rate_limit" if settings.tilt_limit_rad is None else "tilt_limit_rad"
+        wanted = {
+            "posture": settings.posture,
+            "tilt_limit_rad": settings.tilt_limit_rad,
+            "tilt_rate_limit": settings.tilt_rate_limit,
+        }
+        key = next((key for key, value in wanted.items() if value is not None), None)
+        if key is None:
+            if settings.checklist is None or not self._imu:
+                return None
+            key = "checklist"
         return TiltWatch(self._places(key, _IMU), self._period_s, settings.tilt_limit_rad, settings.tilt_rate_limit)
 
     def _make_checks(self) -> Iterator[Check]:
@@ -149,6 +176,9 @@ class SafetyMonitor:
         if following is not None:
             left, right = self._places("following_error", _VELOCITIES)
             yield FollowingError(left, right, following, period_s)
+        if settings.runaway is not None:
+            left, right = self._places("runaway", _VELOCITIES)
+            yield Runaway(left, right, settings.runaway, period_s)
 
     def _make_frozen(self) -> Iterator[Check]:
         if self._settings.frozen_after_s is None:

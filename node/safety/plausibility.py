@@ -7,7 +7,12 @@ from operator import itemgetter
 from typing import Final
 
 from segway_ecc.node.safety.check import Check, View, periods_in
-from segway_ecc.node.safety.settings import FollowingErrorSettings, VelocityConsistency, YawConsistency
+from segway_ecc.node.safety.settings import (
+    FollowingErrorSettings,
+    RunawaySettings,
+    VelocityConsistency,
+    YawConsistency,
+)
 
 MOVING: Final = 0.5
 """A wheel that turns faster than this moves, rad/s: an encoder of 128 counts shows it within 0.1 s."""
@@ -197,6 +202,48 @@ class FollowingError(Check):
         return wrong if self._held >= self._allowed else None
 
 
+class Runaway(Check):
+    """How far the robot drives on, faster than it is asked to and than rest; see `Check`.
+
+    A robot that balances is pushed, and goes where it must to come back: that takes it a short way. One whose sensors
+    or motors have it drive off does not come back.
+    """
+
+    def __init__(self, left: int, right: int, settings: RunawaySettings, period_s: float) -> None:
+        """Watch the wheels whose velocities, rad/s, are at these places."""
+        self.needs: tuple[int, ...] = (left, right)
+        self._ahead = 0.5 * settings.wheel_radius
+        self._left, self._right = left, right
+        self._window, self._distance = settings.linear_window, settings.distance_m
+        self._period_s = period_s
+        self._asked = _Range(periods_in(settings.settle_s, period_s))
+        self._now = 0
+        self._way = 0.0
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        setpoint = view.setpoint
+        self._now += view.periods
+        if setpoint is None:
+            self._asked.clear()
+        if setpoint is None or not view.has(self.needs):
+            self._way = 0.0
+            return None
+        velocity = self._ahead * (view.values[self._left] + view.values[self._right])
+        low, high = self._asked.add(setpoint[0], self._now)
+        low, high = min(low, 0.0), max(high, 0.0)
+        over, under = velocity - high - self._window, velocity - low + self._window
+        beyond = over if over > 0.0 else min(under, 0.0)
+        step = beyond * view.periods * self._period_s
+        self._way = self._way + step if self._way * step > 0.0 else step
+        if abs(self._way) <= self._distance:
+            return None
+        return (
+            f"the robot runs away: it goes {velocity:.2f} m/s ahead, asked is {low:.2f} to {high:.2f} m/s, and it came "
+            f"{abs(self._way):.2f} m further than that"
+        )
+
+
 class _Way:
     """One of the two velocities, against what was asked of it lately."""
 
@@ -206,8 +253,7 @@ class _Way:
         self._unit = unit
         self._window = window
         self._may_rest = may_rest
-        self._largest = _Largest(span)
-        self._largest_back = _Largest(span)  # of what is asked with its sign turned round
+        self._asked = _Range(span)
 
     def look(self, asked: float, velocity: float, now: int, *, begins: bool) -> str | None:
         """Keep what is asked in period `now`, and report a velocity that is wrong.
@@ -215,16 +261,32 @@ class _Way:
         A robot that `begins` to follow may still move as it does.
         """
         if begins:
-            self._largest.clear()
-            self._largest_back.clear()
-            self._largest.add(velocity, now)
-            self._largest_back.add(-velocity, now)
-        high, low = self._largest.add(asked, now), -self._largest_back.add(-asked, now)
+            self._asked.clear()
+            self._asked.add(velocity, now)
+        low, high = self._asked.add(asked, now)
         if self._may_rest:
             low, high = min(low, 0.0), max(high, 0.0)
         if low - self._window <= velocity <= high + self._window:
             return None
         return f"the robot goes {velocity:.2f} {self._unit} {self._name}, asked is {low:.2f} to {high:.2f} {self._unit}"
+
+
+class _Range:
+    """The smallest and the largest of the values that there were lately."""
+
+    def __init__(self, span: int) -> None:
+        """Remember values for so many periods after they were last added."""
+        self._largest = _Largest(span)
+        self._largest_negated = _Largest(span)
+
+    def clear(self) -> None:
+        """Discard everything."""
+        self._largest.clear()
+        self._largest_negated.clear()
+
+    def add(self, value: float, now: int) -> tuple[float, float]:
+        """Add a value, which is finite, in period `now`; the smallest and the largest now."""
+        return -self._largest_negated.add(-value, now), self._largest.add(value, now)
 
 
 class _Largest:

@@ -36,11 +36,9 @@ class PreArmMeasurements(Value, frozen=True):
 
 
 class PreArmCheck(Value, frozen=True):
-    """The outcome of one check.
+    """The outcome of one check; with a warning the robot may arm all the same.
 
-    Attributes:
-        text: What was measured, and what to do where that is not enough.
-        is_warning: Whether the robot may arm all the same.
+    The text is what was measured, and what to do where that is not enough.
     """
 
     name: str
@@ -115,6 +113,11 @@ def _motion_checks(settings: ChecklistSettings, measured: PreArmMeasurements) ->
 def drives_check(reasons: Sequence[str]) -> PreArmCheck:
     """Whether the drives are fit to arm, as they report: `reasons` against it, each with its remedy."""
     return PreArmCheck("drives", not reasons, "; ".join(reasons) or "no reason against it")
+
+
+def model_check(fault: str) -> PreArmCheck:
+    """What the model gives that the robot cannot do: it was started anew, and gives it again."""
+    return _check("model", fault, "see its parameters and what it is wired to", passed=False)
 
 
 def failed_checks(checks: Sequence[PreArmCheck]) -> list[str]:

@@ -32,9 +32,7 @@ class YawConsistency(Section, frozen=True, kw_only=True):
 class VelocityConsistency(Section, frozen=True, kw_only=True):
     """How well a wheel's angle and its velocity must agree.
 
-    Attributes:
-        tolerance_rad_s: Largest difference between the two mean velocities, rad/s.
-        for_s: Over which the means are taken, s.
+    The two mean velocities over `for_s`, s, differ by `tolerance_rad_s` at the most, rad/s.
     """
 
     tolerance_rad_s: Positive
@@ -71,6 +69,50 @@ class FollowingErrorSettings(Section, frozen=True, kw_only=True):
             raise ValueError("give linear_window (m/s), angular_window (rad/s) or both")
 
 
+class RunawaySettings(Section, frozen=True, kw_only=True):
+    """How far the robot may drive on, faster than its set-points ask for, before it counts as running away.
+
+    Counted is the way beyond the smallest and the largest set-point of the last `settle_s`, and beyond rest, give or
+    take a window; a velocity within them begins anew.
+
+    Attributes:
+        wheel_radius: m.
+        linear_window: Of the velocity ahead, m/s.
+        distance_m: Longest way, m: more than the robot is pushed by what it withstands.
+        settle_s: How long the robot takes from one set-point to another, s.
+    """
+
+    wheel_radius: Positive
+    linear_window: Positive = 0.3
+    distance_m: Positive
+    settle_s: Span = 1.5
+
+
+class PostureSettings(Section, frozen=True, kw_only=True):
+    """How a robot that balances stands up and sits down, by its tilt from upright.
+
+    Attributes:
+        stand: The `set.<name>` that has its model stand up (1) and sit down (0).
+        up_rad: Tilt within which it is up, rad.
+        down_rad: Tilt beyond which it has fallen, rad: less than that at which its body touches the ground.
+        fall_s: How long it may lean so far while it balances, s: it may come back from there.
+        stand_up_s: How long it may take to stand up, s.
+        sit_down_s: How long it may take to sit down, s.
+    """
+
+    stand: str = "stand"
+    up_rad: Angle = 0.2
+    down_rad: Angle
+    fall_s: Span = 0.5
+    stand_up_s: Span = 5.0
+    sit_down_s: Span = 5.0
+
+    def __post_init__(self) -> None:
+        """Refuse angles that no robot passes through in this order."""
+        if self.up_rad >= self.down_rad:
+            raise ValueError(f"up_rad {self.up_rad:g} is not below down_rad {self.down_rad:g}")
+
+
 class SupplyWindow(Section, frozen=True, kw_only=True):
     """Between which voltages the supply must be, V."""
 
@@ -84,17 +126,28 @@ class SupplyWindow(Section, frozen=True, kw_only=True):
 
 
 class LateCyclesLimit(Section, frozen=True, kw_only=True):
-    """How many missed deadlines make a broken run.
+    """How many missed deadlines make a broken run: in a row, or within `window_s`, s; None are not counted so.
 
     A deadline is missed where its cycle was skipped, or started more than half a period late.
-
-    Attributes:
-        in_window: This many within `window_s`; None where they are not counted so.
     """
 
     in_a_row: Count = 5
     in_window: Count | None = None
     window_s: Annotated[float, msgspec.Meta(ge=0.01, le=60.0)] = 1.0
+
+
+class OscillationLimit(Section, frozen=True, kw_only=True):
+    """How often a command may change its sign.
+
+    Attributes:
+        amplitude: From beyond this on one side to beyond it on the other is a change, in the command's unit.
+        in_window: So many changes are too many.
+        window_s: Within this long, s.
+    """
+
+    amplitude: Positive
+    in_window: Annotated[int, msgspec.Meta(ge=2, le=10_000)]
+    window_s: Span = 0.2
 
 
 class ChecklistSettings(Section, frozen=True, kw_only=True):
@@ -125,10 +178,14 @@ class SafetySettings(Section, frozen=True, kw_only=True):
         tilt_rate_limit: Largest angular velocity across the upright axis, rad/s.
         wheel_velocity_limit: Fastest that a wheel may turn against the body, rad/s.
         frozen_after_s: How long a set of values may repeat bit for bit, s.
+        posture: Of a robot that balances; None where it stands by itself.
         imu_is_noisy: Whether an IMU's values never repeat; else they may, while the wheels are at rest.
         supply: Window of the supply, where the robot measures `supply.voltage`.
         max_command: Largest magnitude of each command, in its unit, where that is below what the drive takes.
         command_slew: Fastest that a command may change, in its unit per second.
+        output_limits: Largest magnitude of what the model gives, by its signal, in its unit: what the robot can neither
+            do nor be.
+        oscillation: How often a command may change its sign.
     """
 
     tilt_limit_rad: Angle | None = None
@@ -139,10 +196,14 @@ class SafetySettings(Section, frozen=True, kw_only=True):
     yaw_consistency: YawConsistency | None = None
     velocity_consistency: VelocityConsistency | None = None
     following_error: FollowingErrorSettings | None = None
+    runaway: RunawaySettings | None = None
+    posture: PostureSettings | None = None
     supply: SupplyWindow | None = None
     late_cycles_limit: LateCyclesLimit | None = None
     max_command: Positive | None = None
     command_slew: Positive | None = None
+    output_limits: dict[str, Positive] | None = None
+    oscillation: OscillationLimit | None = None
     checklist: ChecklistSettings | None = None
 
 
@@ -158,8 +219,10 @@ class StationSettings(Section, frozen=True, kw_only=True):
         sit_down_after_s: Silence after which it sits down, s; None where it stands by itself.
         sit_down: What sits it down: the value of each `set.<name>`, by name.
         disarm_after_s: Silence after which the motors go off, s; None where they never do for it.
+        names: The base stations whose heartbeats count; where it is empty, those that introduce themselves do.
     """
 
+    names: tuple[Annotated[str, msgspec.Meta(min_length=1, max_length=80)], ...] = ()
     timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=3600.0)] = 1.0
     sit_down_after_s: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)] | None = None
     sit_down: dict[str, float] = msgspec.field(default_factory=dict)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from math import atan2, hypot, inf
 from typing import Final
 
-from segway_ecc.node.safety.check import Check, View
+from segway_ecc.node.safety.check import Check, View, periods_in
 
 GRAVITY: Final = 9.80665
 """Standard gravity, m/s2."""
@@ -15,6 +15,11 @@ _CORRECTION_S: Final = 2.0
 
 _GRAVITY_WITHIN: Final = 0.1
 """The accelerometer is believed while its magnitude is this near to gravity, as a fraction: else the body is pushed."""
+
+_START_S: Final = 0.1
+"""Of how many samples the estimate begins: a single one may be wrong, and would be drawn away only slowly."""
+_LONGEST_GAP_S: Final = 0.1
+"""How long the newest turn is taken to go on where no sample comes, s."""
 
 Vector = tuple[float, float, float]
 """In the robot's axes: x forward, y left, z up."""
@@ -32,6 +37,8 @@ class TiltEstimate:
         """Know nothing yet; `update` is called once per period, s."""
         self._period_s = period_s
         self._up: Vector | None = None
+        self._first: list[Vector] = []
+        self._begin_with = periods_in(_START_S, period_s)
 
     def update(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
         """Take a sample, so many periods after the last: angular velocity, rad/s, and specific force, m/s2.
@@ -41,13 +48,14 @@ class TiltEstimate:
         ax, ay, az = accelerometer
         felt = hypot(ax, ay, az)
         mx, my, mz = _unit(ax, ay, az, felt)
+        trusted = abs(felt - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         if self._up is None:
-            self._up = mx, my, mz
+            if trusted:
+                self._begin((mx, my, mz))
             return
         elapsed_s = periods * self._period_s
         (x, y, z), (p, q, r) = self._up, gyro  # turned with the body: d(up)/dt = up x rate
         x, y, z = x + (y * r - z * q) * elapsed_s, y + (z * p - x * r) * elapsed_s, z + (x * q - y * p) * elapsed_s
-        trusted = abs(felt - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         gain = min(elapsed_s / _CORRECTION_S, 1.0) if trusted else 0.0
         x += gain * (mx - x)
         y += gain * (my - y)
@@ -55,12 +63,21 @@ class TiltEstimate:
         self._up = _unit(x, y, z, hypot(x, y, z))
 
     def reset(self) -> None:
-        """Begin anew with the next sample."""
+        """Begin anew with the next samples."""
         self._up = None
+        self._first.clear()
+
+    def _begin(self, up: Vector) -> None:
+        """Begin with the middle one of the first samples, of each axis: some may be wrong by any amount."""
+        self._first.append(up)
+        if len(self._first) >= self._begin_with:
+            x, y, z = (sorted(values)[len(values) // 2] for values in zip(*self._first, strict=True))
+            self._up = _unit(x, y, z, hypot(x, y, z))
+            self._first.clear()
 
     @property
     def tilt(self) -> float | None:
-        """Angle between the body's z axis and up, 0 to pi rad; None before the first sample."""
+        """Angle between the body's z axis and up, 0 to pi rad; None before there were enough samples."""
         if self._up is None:
             return None
         x, y, z = self._up
@@ -76,14 +93,20 @@ class TiltWatch(Check):
         self.estimate = TiltEstimate(period_s)
         self._tilt_limit = inf if tilt_limit is None else tilt_limit
         self._rate_limit = inf if rate_limit is None else rate_limit
+        self._longest_gap = periods_in(_LONGEST_GAP_S, period_s)
+        self._missed = 0
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
+        periods = self._missed + view.periods
         if not view.has(self.needs):
-            self.estimate.reset()
+            self._missed = periods
+            if periods > self._longest_gap:
+                self.estimate.reset()
             return None
+        self._missed = 0
         gyro, accelerometer = imu_vectors(view.values, self.needs)
-        self.estimate.update(gyro, accelerometer, view.periods)
+        self.estimate.update(gyro, accelerometer, periods)
         rate, tilt = hypot(gyro[0], gyro[1]), self.estimate.tilt or 0.0
         if not tilt <= self._tilt_limit:
             return f"the body leans {tilt:.2f} rad, beyond {self._tilt_limit:g} rad"

@@ -6,9 +6,9 @@ The player follows the robot only through what the robot publishes, and knows no
 
 import enum
 import math
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -17,7 +17,13 @@ import msgspec
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory, TrajectoryState, TrajectoryStatus
+from segway_ecc.node.cycle.trajectory import (
+    MOST_POINTS,
+    TimedSetpoint,
+    Trajectory,
+    TrajectoryState,
+    TrajectoryStatus,
+)
 from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
@@ -50,7 +56,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 class Manoeuvre(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Segments, one after the other; at the end the set-point is zero."""
 
-    segments: Annotated[tuple[Segment, ...], msgspec.Meta(min_length=1)]
+    segments: Annotated[tuple[Segment, ...], msgspec.Meta(min_length=1, max_length=MOST_POINTS - 1)]
 
     @property
     def duration_ns(self) -> int:
@@ -108,6 +114,11 @@ def schedule(manoeuvre: Manoeuvre) -> Iterator[TimedSetpoint]:
     yield TimedSetpoint(start_ns, REST)
 
 
+def start_stamp(latest_ns: int, lead_ns: int) -> int:
+    """A stamp, ns, to begin at after the robot's newest: moved by up to 66 us, so that no two choose the same."""
+    return latest_ns + lead_ns + int.from_bytes(os.urandom(2))
+
+
 class Odometry(NamedTuple):
     """The robot's published odometry: stamp (ns since the Unix epoch), m, m, rad, m/s, rad/s."""
 
@@ -147,17 +158,18 @@ class Player:
     manoeuvre: Manoeuvre
     status: TrajectoryStatus | None = None
     latest_ns: int = 0
-    _stamp_ns: int | None = None
+    _sent: tuple[int, int] | None = None
     _odometry: list[Odometry] = field(default_factory=list)
 
     def trajectory(self, stamp_ns: int) -> Trajectory:
         """What to send, to begin at a stamp of the robot's; what was sent before is replaced by it."""
-        self._stamp_ns, self.status = stamp_ns, None
-        return Trajectory(stamp_ns, points(self.manoeuvre))
+        trajectory = Trajectory(stamp_ns, points(self.manoeuvre))
+        self._sent, self.status = (stamp_ns, trajectory.digest), None
+        return trajectory
 
     def receive_status(self, status: TrajectoryStatus) -> None:
         """Receive what the robot reports of a trajectory, whoever's it is."""
-        if status.stamp_ns == self._stamp_ns:
+        if (status.stamp_ns, status.digest) == self._sent:
             self.status = status
         elif (
             self.status is not None and self.state is PlayState.RUNNING and status.state is not TrajectoryState.REFUSED
@@ -201,20 +213,18 @@ class Player:
 
     @property
     def received(self) -> list[Odometry]:
-        """The robot's odometry from the start to the end of the manoeuvre."""
+        """The robot's odometry of its cycles from the start to the end of the manoeuvre."""
         start_ns, end_ns = self.start_ns, self.end_ns
-        if start_ns is None or end_ns is None:
+        if self.status is None or start_ns is None or end_ns is None:
             return []
-        return [each for each in self._odometry if start_ns <= each.stamp_ns <= end_ns]
+        stamps = range(start_ns, end_ns + 1, max((end_ns - start_ns) // max(self.status.cycles, 1), 1))
+        return [each for each in self._odometry if each.stamp_ns in stamps]
 
     @property
     def missing(self) -> int:
-        """Of how many of the robot's cycles, from start to end, no odometry arrived; 1 where hardly any did."""
-        stamps = [odometry.stamp_ns for odometry in self.received]
-        period_ns = min((after - before for before, after in pairwise(stamps)), default=0)
-        if not period_ns or self.start_ns is None or self.end_ns is None:
-            return 1
-        return (self.end_ns - self.start_ns) // period_ns + 1 - len(stamps)
+        """Of how many of the robot's cycles, from start to end, no odometry arrived."""
+        cycles = self.status.cycles if self.status is not None else 0
+        return cycles + 1 - len({each.stamp_ns for each in self.received})
 
     @property
     def fraction(self) -> float:

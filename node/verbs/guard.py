@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`segway-ecc guard ROBOT`: disables the drives when commands stop, whatever became of the node."""
+"""`segway-ecc guard ROBOT`: disables the drives when the node's heartbeats stop, whatever became of it."""
 
 import argparse
 import gc
@@ -11,14 +11,7 @@ from segway_ecc.firmware_io.guard.guard import Guard, describe, stopper_of
 from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Watch
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import (
-    add_json,
-    add_robot,
-    print_found,
-    real_time,
-    robot_file,
-    stopped_by_signals,
-)
+from segway_ecc.node.cli.options import add_json, add_robot, print_found, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
@@ -31,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     add_json(parser)
     default = LIMIT_NS / 1e9
-    text = f"commands silent for longer have stopped; at least three periods of the loop (default {default:g})"
+    text = f"heartbeats silent for longer have stopped; at least three periods of the loop (default {default:g})"
     parser.add_argument("--limit", type=float, default=default, metavar="S", help=text)
 
 
@@ -45,8 +38,8 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--limit must be from {_LIMITS_S[0]:g} to {_LIMITS_S[1]:g} s")
     can = file.hardware.can
     watch = Watch(stopper_of(file.hardware), clock.now_ns(), round(options.limit * 1e9))
-    listening = can_link(can, clock)
-    guard = Guard(listening, can_link(can, clock), HeartbeatListener(can), watch, clock)
+    link, beats = can_link(can, clock), HeartbeatListener(can)
+    guard = Guard(link, beats, watch, clock)
     gc.collect()
     gc.freeze()
     with messages(), stopped_by_signals(guard.stop), real_time():
@@ -54,11 +47,11 @@ def run(options: argparse.Namespace) -> int:
     wall_ns = clock.wall_ns() - clock.now_ns()
     interventions = []
     for each in watch.interventions:  # stamps on the wall clock, ns, by what it leads the monotonic one
-        last_ns = each.last_command_ns
+        last_ns = each.last_alive_ns
         interventions.append(
             {
                 "cause": each.cause,
-                "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
+                "last_heartbeat_wall_ns": None if last_ns is None else last_ns + wall_ns,
                 "first_stop_wall_ns": each.first_ns + wall_ns,
                 "reaction_ms": None if last_ns is None else (each.first_ns - last_ns) * 1e-6,
                 "lasted_ms": (each.last_ns - each.first_ns) * 1e-6,
@@ -67,18 +60,20 @@ def run(options: argparse.Namespace) -> int:
             }
         )
     document = {
-        "bus": listening.description,
+        "bus": link.description,
         "limit_s": options.limit,
-        "frames": listening.counters.received,
+        "frames": link.counters.received,
         "commands": watch.commands,
+        "strange_commands": watch.strange,
         "heartbeats": watch.heartbeats,
+        "refused_heartbeats": beats.refused,
         "longest_gap_ms": watch.longest_gap_ns * 1e-6,
         "intervened": watch.intervened,
         "interventions": interventions,
     }
     rows = {
-        "frames": f"{listening.counters.received}, {watch.commands} of them commands",
-        "heartbeats": str(watch.heartbeats),
+        "frames": f"{link.counters.received}, {watch.commands} of them commands, {watch.strange} strange",
+        "heartbeats": f"{watch.heartbeats}, and {beats.refused} refused",
         "longest gap": f"{watch.longest_gap_ns * 1e-6:.1f} ms while a drive followed",
         "intervened": str(watch.intervened),
         **{f"{n}": describe(intervention) for n, intervention in enumerate(watch.interventions, 1)},

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cli.options import Curve, add_json, draw_panels, print_found
+from segway_ecc.node.cli.options import Curve, add_json, draw_panels, drawing_file, print_found
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.replay.recorded import RecordedRun
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=Path, metavar="LOG", help="the log of a run (MCAP); of several files, the first")
     parser.add_argument("--model", metavar="SOURCE", help="where the model is now, in place of where it was")
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw commands as recorded and as computed (PNG, SVG)"
+        "--plot", type=drawing_file, metavar="FILE", help="draw commands as recorded and as computed (PNG, SVG)"
     )
     add_json(parser)
 
@@ -49,22 +49,29 @@ def run(options: argparse.Namespace) -> int:
         draw_panels(options.plot, times, panels)
     warnings = ["the model is not the one that ran: its files have another content"] if outcome.is_other_model else []
     warnings += outcome.damage
-    if outcome.gap is not None:
-        behind = f"; the {outcome.behind} cycles behind it are whole, and cannot be compared without the model's state"
-        warnings.append(f"{outcome.gap}: replayed up to there{behind if outcome.behind else ''}")
+    if not outcome.cycles and not outcome.behind and outcome.difference is None:
+        warnings.append("there is no cycle in the log")
+    warnings += [] if outcome.gap is None else [outcome.gap]
     warnings += [f"cycles {first} to {last} are missing too" for first, last in outcome.missing[1:]]
+    if outcome.behind:
+        known = "the state is not known before the next snapshot"
+        warnings.append(f"{outcome.behind} cycles are whole and could not be compared: {outcome.refusal or known}")
+    elif outcome.refusal:
+        warnings.append(f"snapshots of the state were not compared: {outcome.refusal}")
     if outcome.is_cut:
-        warnings.append("the log ends before its time, as after a power cut: replayed up to there")
+        warnings.append("the log ends before its time, as after a power cut or a killed node: replayed up to there")
     for warning in warnings:
         sys.stderr.write(f"segway-ecc: {warning}\n")
     document = {
         "identical": outcome.is_identical,
         "cycles": outcome.cycles,
+        "stretches": outcome.stretches,
         "duration_s": outcome.duration_s,
         "difference": None if outcome.difference is None else outcome.difference._asdict(),
         "others": [other._asdict() for other in outcome.others],
         "gap": outcome.gap,
         "behind": outcome.behind,
+        "refusal": outcome.refusal,
         "missing": outcome.missing,
         "damage": outcome.damage,
         "cut": outcome.is_cut,
@@ -79,7 +86,11 @@ def run(options: argparse.Namespace) -> int:
 def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:
     difference = outcome.difference
     if difference is None:
-        return [f"identical: {outcome.cycles} cycles, {outcome.duration_s:.3f} s"]
+        compared = [f"{first} to {last}" for first, last in outcome.stretches]
+        if not compared:
+            return ["nothing was compared"]
+        where = [] if outcome.gap is None else [f"compared: cycles {', '.join(compared)}"]
+        return [f"identical: {outcome.cycles} cycles, {outcome.duration_s:.3f} s", *where]
     lines = [
         str(difference),
         *(f"{_AHEAD}also {other.port}: {other.recorded}, {other.computed}" for other in outcome.others),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, add_robot, check_duration, print_found, robot_file, stopped_by_signals
+from segway_ecc.node.cli.options import add_json, add_robot, check_seconds, print_found, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.recording.log_quota import MB
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Record until stopped."""
-    check_duration(options.duration, _LONGEST_S)
+    check_seconds(options, "duration", _LONGEST_S)
     if not _SMALLEST_MB <= options.limit <= _LONGEST_S:
         raise ConfigurationError(f"--limit must be {_SMALLEST_MB:g} MB at least")
     file = robot_file(options)

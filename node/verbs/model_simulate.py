@@ -10,15 +10,22 @@ from segway_ecc.node.cli.options import (
     Curve,
     add_json,
     add_model,
-    check_duration,
+    check_seconds,
+    count_steps,
     draw_panels,
+    drawing_file,
+    model_failures,
+    output_file,
     print_found,
     write_csv,
 )
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, ModelFailedError, plain_number
 from segway_ecc.node.model.model import simulate
 from segway_ecc.node.models.load import load_model, locate
 from segway_ecc.node.recording.mcap_log import McapLog, topic_name
+from segway_ecc.node.safety.limiter import not_finite
+from segway_ecc.node.watchdog.watchdog import model_watchdog
+from segway_ecc.node.watchdog.watched_model import Steps
 
 _LONGEST_S: Final = 86_400.0
 _NS_PER_S: Final = 1_000_000_000
@@ -30,18 +37,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", action="append", default=[], metavar="NAME=VALUE", help="hold an input")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set a parameter at the start")
     parser.add_argument("--duration", type=float, required=True, metavar="S", help="how long")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write every sample")
-    parser.add_argument("--mcap", type=Path, metavar="FILE", help="write a log for Foxglove and PlotJuggler")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the outputs (.svg, .png, .pdf)")
+    parser.add_argument("--csv", type=output_file, metavar="FILE", help="write every sample")
+    parser.add_argument("--mcap", type=output_file, metavar="FILE", help="write a log for Foxglove and PlotJuggler")
+    parser.add_argument("--plot", type=drawing_file, metavar="FILE", help="draw the outputs (.svg, .png, .pdf)")
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, write what was asked for, and print where the model ended."""
-    check_duration(options.duration, _LONGEST_S)
-    parameters = _assignments("--set", options.set)
-    model = load_model(locate(options.model, [Path()]), parameters, method=options.method, step_size=options.step)
-    samples = list(simulate(model, _assignments("--input", options.input), options.duration))
+    """Simulate, write what was asked for, and print where the model ended.
+
+    Raises:
+        ModelFailedError: An output is not finite; what was asked for is written and printed all the same.
+    """
+    check_seconds(options, "duration", _LONGEST_S)
+    parameters, held = _assignments("--set", options.set), _assignments("--input", options.input)
+    source = locate(options.model, [Path()])
+    samples, steps = [], Steps()
+    with model_failures(source), model_watchdog(source) as watchdog:
+        model = watchdog.watch(load_model(source, parameters, method=options.method, step_size=options.step))
+        model.counter = steps
+        count_steps("duration", options.duration, model.step_size)
+        for sample in simulate(model, held, options.duration):
+            samples.append(sample)
+            steps.cycle = len(samples)
     if options.csv is not None:
         header = ["time", *(v.name for v in (*model.inputs, *model.outputs))]
         write_csv(options.csv, header, ([sample.time, *sample.u, *sample.y] for sample in samples))
@@ -59,6 +77,10 @@ def run(options: argparse.Namespace) -> int:
     outputs = {v.name: value for v, value in zip(model.outputs, last.y, strict=True)}
     texts = {v.name: f"{outputs[v.name]:.6g} {v.unit}" for v in model.outputs}
     print_found(options, {"time_s": last.time, "outputs": outputs}, {"time": f"{last.time:g} s", **texts})
+    for sample in samples:
+        if (place := not_finite(sample.y)) is not None:
+            output = f"output '{model.outputs[place].name}' of model '{model.name}'"
+            raise ModelFailedError(f"{output} is not finite: {sample.y[place]} at {sample.time:g} s")
     return 0
 
 
@@ -67,9 +89,12 @@ def _assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, separator, value = text.rpartition("=")
         try:
-            found[name] = float(value)
+            number = plain_number(value)
         except ValueError:
             separator = ""
         if not separator:
             raise ConfigurationError(f"{option} wants NAME=VALUE with a number, not '{text}'")
+        if name in found:
+            raise ConfigurationError(f"{option} names '{name}' twice")
+        found[name] = number
     return found

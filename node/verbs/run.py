@@ -9,13 +9,14 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from segway_ecc.firmware_io.clock import RealClock
+from segway_ecc.firmware_io.clock import NS_PER_S, RealClock
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
     add_json,
     add_namespace,
     add_robot,
-    check_duration,
+    check_seconds,
+    count_steps,
     default_log,
     print_found,
     real_time,
@@ -26,7 +27,7 @@ from segway_ecc.node.config import read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.service import service_of
-from segway_ecc.node.errors import ConfigurationError, RobotLostError, SequenceError
+from segway_ecc.node.errors import ConfigurationError, ModelFailedError, RobotLostError, SequenceError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.log_quota import MB, LogQuota
@@ -35,6 +36,7 @@ from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.modes import ACTIVE
 from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player, load_manoeuvre
+from segway_ecc.node.watchdog.watchdog import model_watchdog, step_limit_s
 
 if TYPE_CHECKING:  # a robot without ROS starts without it
     from segway_ecc.node.ros.remote import RosBridge
@@ -75,18 +77,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
-    check_duration(options.duration, _LONGEST_S)
+    check_seconds(options, "duration", _LONGEST_S)
     file = robot_file(options)
     with messages(), contextlib.ExitStack() as stack:
         bridge = _bridge(stack, options)
+        watchdog = stack.enter_context(model_watchdog(file.model.source))
         robot = build_robot(file, RealClock())
+        length = options.duration
+        cycles = None if length is None else count_steps("duration", length, robot.period_ns / NS_PER_S)
+        limit_s = step_limit_s(file.model.step_limit_s, robot.model.step_size)
+        watched = watchdog.watch(robot.model, round(limit_s * NS_PER_S))
+        robot = dataclasses.replace(robot, model=watched)
         recorder = _recorder(options, robot)
         stage = _stage(options, robot, bridge)
         loop = robot.loop(stage, recorder)
+        watched.counter = loop.modes
+        loop.sits_down_first = True
         loop.service = service_of(os.environ, robot.period_ns)
         with stopped_by_signals(loop.stop), real_time(lock=True):
-            length = options.duration
-            loop.run(None if length is None else max(round(length * 1e9 / robot.period_ns), 1))
+            try:
+                loop.run(cycles)
+            except ModelFailedError:  # whose text has all but this
+                _logger.warning("model '%s': %s", watched.name, watched.inputs_text)
+                raise
         _logger.info("stopped: %s", loop.stop_reason)
     _report(options, loop, stage)
     if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
@@ -100,10 +113,10 @@ def _bridge(stack: contextlib.ExitStack, options: argparse.Namespace) -> "RosBri
     """What speaks ROS for the robot; None where it is not to be in ROS, or was not asked to be and ROS is missing."""
     if options.sequence is not None or options.ros is False:
         return None
-    from segway_ecc.node.ros.runtime import missing_packages, require_ros  # noqa: PLC0415 - only with ROS
+    from segway_ecc.node.ros.runtime import missing_packages, require_packages  # noqa: PLC0415 - only with ROS
 
     if options.ros:
-        require_ros()
+        require_packages()  # all else the process of ROS checks
     missing = missing_packages()
     if missing:
         _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))

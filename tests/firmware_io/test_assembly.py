@@ -53,6 +53,7 @@ class Wheel:
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self.limits: Sequence[float] = (2.0,)
         self.listens_to: Collection[FrameKey] = (FrameKey(identifier),)
+        self.commanded_by: Collection[FrameKey] = (FrameKey(identifier + 0x10),)
         self.is_enabled = False
         self.is_off = True
         self.reasons: list[str] = []
@@ -220,6 +221,7 @@ def test_health_names_the_link_and_each_device(bench: Bench) -> None:
         "link.state": "active",
         "left.taken": "0",
         "right.taken": "0",
+        "strange_commands": "0",
     }
 
 
@@ -331,3 +333,23 @@ def test_arming_failures_are_those_of_every_device_and_arming_asks_for_them(benc
 
 def test_nothing_is_in_the_way_of_no_hardware() -> None:
     assert not NoHardware().arming_failures()
+
+
+def test_frames_of_another_end_the_commands_in_the_same_exchange(bench: Bench) -> None:
+    bench.hear(bench.bus)
+    bench.arm()
+    assert bench.assembly.exchange((1.0, 2.0)).faults == ()
+    bench.bus.arrived.append(Frame(0x130, b"", bench.now_ns))
+    bench.left.told.clear()
+    sensors = bench.assembly.exchange((1.0, 2.0))
+
+    assert sensors.faults[0].startswith("command frames that this node did not send, 0x130 (1): ")
+    assert bench.left.told == ["disable"]
+
+
+def test_on_a_line_in_standby_a_drive_may_pass_commands_on_to_another(pair: Bench) -> None:
+    """As VESC controllers do: what one of two is told over the serial line for the other, it sends on the bus."""
+    pair.arm()
+    pair.line.arrived.append(Frame(0x130, b"", pair.now_ns))
+
+    assert pair.assembly.exchange((1.0, 2.0)).faults == ()

@@ -110,3 +110,29 @@ def test_the_newest_of_all_is_the_latest_stamp_in_whatever_order_they_came(marks
     for kind, received_ns in marks:
         fresh.mark(kind, received_ns)
     assert fresh.newest_ns == max(received_ns for _, received_ns in marks)
+
+
+def test_a_gap_is_ridden_through_for_as_long_as_is_set() -> None:
+    bench = Bench()
+    bench.fresh = Freshness({"fast": 10 * MS, "slow": 20 * MS}, lambda: bench.now_ns, 0.05)
+    bench.fresh.mark("fast", bench.now_ns)
+    bench.fresh.mark("slow", bench.now_ns)
+    bench.now_ns += 60 * MS
+    assert bench.fresh.age("fast")[1]
+    bench.now_ns += 1
+    assert not bench.fresh.age("fast")[1]
+    bench.now_ns += 10 * MS - 1
+    assert bench.fresh.age("slow")[1]
+    bench.now_ns += 1
+
+    assert not bench.fresh.age("slow")[1]
+
+
+def test_gaps_are_counted_and_the_longest_is_kept(bench: Bench) -> None:
+    assert bench.fresh.health == {"gaps": "0", "longest_gap_ms": "0.0"}
+    for after_ms in (5, 10, 12, 31, 11, 3):
+        bench.now_ns += after_ms * MS
+        bench.fresh.mark("slow", bench.now_ns)
+        bench.fresh.mark("fast", bench.now_ns - MS)
+
+    assert bench.fresh.health == {"gaps": "3", "longest_gap_ms": "31.0"}

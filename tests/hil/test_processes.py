@@ -63,6 +63,24 @@ def test_a_command_that_is_killed_is_reported(tmp_path: Path) -> None:
             started.result(ENDS_WITHIN_S)
 
 
+@pytest.mark.parametrize("ended_by", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_is_interrupted_is_an_interruption_and_no_failure(
+    tmp_path: Path, ended_by: signal.Signals
+) -> None:
+    words = [sys.executable, "-c", f"import os; os.kill(os.getpid(), {int(ended_by)})"]
+    with processes.program(words, tmp_path / "messages.txt") as started, pytest.raises(KeyboardInterrupt):
+        started.result(ENDS_WITHIN_S)
+
+
+def test_a_command_is_not_waited_for_whose_partner_failed(tmp_path: Path) -> None:
+    with (
+        command(RUNS_FOR_EVER, tmp_path / "messages.txt") as started,
+        command(["run", "no such robot"], tmp_path / "partner.txt") as partner,
+        pytest.raises(ProcessFailedError, match=r"^'segway-ecc run no such robot' ended with exit code 2: "),
+    ):
+        started.result(ENDS_WITHIN_S, partner)
+
+
 def test_a_command_that_takes_too_long_is_reported_and_ended(tmp_path: Path) -> None:
     with command(RUNS_FOR_EVER, tmp_path / "messages.txt") as started:
         with pytest.raises(ProcessFailedError, match=r"^'segway-ecc run cart .*' did not end within 0\.01 s: "):

@@ -14,7 +14,7 @@ GUEST = Path("tests/kernel/guest")
 FILES = sorted(path.stem for path in (ROOT / GUEST).glob("test_*.py"))
 BOOT_AND_TESTS_S = 840.0
 
-pytestmark = [pytest.mark.kernel, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.kernel
 
 
 def run(command: Sequence[str], environment: dict[str, str], results: Path) -> GuestResult:

@@ -14,7 +14,7 @@ GUEST = Path("tests/kernel/rt_guest")
 FILES = sorted(path.stem for path in (ROOT / GUEST).glob("test_*.py"))
 BOOT_AND_TESTS_S = 400.0
 
-pytestmark = [pytest.mark.rt_kernel, pytest.mark.timeout(460)]
+pytestmark = pytest.mark.rt_kernel
 
 
 def run(command: Sequence[str], environment: dict[str, str], results: Path) -> GuestResult:

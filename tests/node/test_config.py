@@ -119,11 +119,6 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
             BASE + "ros: {node_name: 5}", "Expected `str`, got `int` at ros.node_name; found 5", id="wrong type"
         ),
         pytest.param(
-            BASE + "setpoint: {timeout_s: 5e-1}",
-            "Expected `float`, got `str` at setpoint.timeout_s; found '5e-1'",
-            id="YAML 1.1",
-        ),
-        pytest.param(
             BASE + "setpoint: 3", "Expected `object`, got `int` at setpoint; found 3", id="value for a section"
         ),
         pytest.param("name: cart\nwiring: {}", "Object missing required field `model`", id="missing key at the top"),

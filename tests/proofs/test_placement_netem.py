@@ -12,7 +12,7 @@ import pytest
 from segway_ecc.hil.kernels.guest import to_stdout
 from segway_ecc.hil.kernels.qemu import run_in_guest
 
-pytestmark = [pytest.mark.proof, pytest.mark.rt_kernel, pytest.mark.ros, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.proof, pytest.mark.rt_kernel, pytest.mark.ros]
 
 ROOT = Path(__file__).parents[2]
 POINTS = Path(__file__).with_name("netem_points.py")

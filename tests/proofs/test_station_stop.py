@@ -28,7 +28,7 @@ from tests.proofs.delaying_proxy import slow_way_to
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-pytestmark = [pytest.mark.proof, pytest.mark.ros, pytest.mark.browser, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.proof, pytest.mark.ros, pytest.mark.browser]
 
 TRIALS: Final = 20
 DELAY_S: Final = 0.1

@@ -21,7 +21,7 @@ import pytest
 from segway_ecc.hil.processes import command
 from tests.deploy.station.whole_stack import Stack, ros_of_our_own
 
-pytestmark = [pytest.mark.proof, pytest.mark.ros, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.proof, pytest.mark.ros]
 
 REAL: Final = 5
 FAKE: Final = 15

@@ -33,13 +33,19 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Put a file in place so that it is found as it was before, or as it is now."""
-    new = path.with_name(f".{path.name}.new")
-    with new.open("wb") as file:
+def write_whole(path: Path, content: bytes, mode: int = 0o644) -> None:
+    """Put a file in place, durably, so that it is found as it was before, or as it is now.
+
+    It has that mode whatever the umask is, and is never there with another one.
+    """
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    new.unlink(missing_ok=True)
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+    with os.fdopen(descriptor, "wb") as file:
+        os.fchmod(descriptor, mode)
         file.write(content)
         file.flush()
-        os.fsync(file.fileno())
+        os.fsync(descriptor)
     new.replace(path)
     sync_folder(path.parent)
 

@@ -39,15 +39,9 @@ AGENT: Final = "agent.pyz"
 
 
 def serve(agent: bytes, stream: BinaryIO, reporter: Reporter) -> int:
-    """Answer one request, a line of JSON on `stream`.
+    """Answer one request, a line of JSON on `stream` with its files after it; returns the exit code.
 
-    Args:
-        agent: This program, kept on the robot for the next boot.
-        stream: The request, and after it the files.
-        reporter: Takes the answer.
-
-    Returns:
-        The exit code.
+    `agent` is this program, kept on the robot for the next boot; `reporter` takes the answer.
     """
     os.umask(0o022)  # the node runs as another user, who must be able to read its release
     request = json.loads(stream.readline())

@@ -130,10 +130,9 @@ def conclude(store: Store, journal: Journal, ended: Transaction) -> None:
 
 
 def recover(store: Store, reporter: Reporter, command: Sequence[str] = (), *, restarts: bool) -> Transaction | None:
-    """Settle a transaction that was interrupted: what was not found healthy by then is not kept in use.
+    """Settle an interrupted transaction, and return what was settled (None where nothing was pending).
 
-    Returns:
-        What was settled; None where nothing was pending.
+    What was not found healthy by then is not kept in use.
 
     Raises:
         AgentRefusedError: The robot is armed, and the services would have to be restarted.

@@ -43,12 +43,7 @@ _MAKE_USER: Final = ["systemd-sysusers", SYSUSERS]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is to be done to a machine.
-
-    Attributes:
-        settings: Checked.
-        files: What is to be written: text by path.
-    """
+    """What is to be done to a machine: with the settings, checked, the files that are to be written, text by path."""
 
     machine: TargetMachine
     settings: InstallSettings
@@ -81,15 +76,10 @@ def plan(machine: TargetMachine, settings: InstallSettings, command: str | None)
 
 
 def install(made: Plan, *, new_tokens: bool, show: Callable[[Mapping[Role, str]], None]) -> list[str]:
-    """Do what is planned.
+    """Do what is planned; returns the files that were changed.
 
-    Args:
-        made: The plan.
-        new_tokens: Whether tokens that are there are replaced.
-        show: Called with new tokens as soon as they are kept, since nobody can show them later.
-
-    Returns:
-        The files that were changed.
+    With `new_tokens` tokens that are there are replaced; `show` is called with new ones as soon as they are kept, since
+    nobody can show them later.
 
     Raises:
         NodeError: Something did not go through; doing it again goes on from there.
@@ -154,12 +144,9 @@ def _starting(made: Plan, *, is_changed: bool) -> list[list[str]]:
 
 
 def remove(machine: TargetMachine) -> list[str]:
-    """Stop the service and delete its files, but for its logs.
+    """Stop the service and delete its files, but for its logs; returns the files that were deleted.
 
     The user stays: the logs are its own, and the number must not become somebody else's.
-
-    Returns:
-        The files that were deleted.
 
     Raises:
         NodeError: Something could not be stopped or deleted.

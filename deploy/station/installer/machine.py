@@ -13,7 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from segway_ecc.deploy.station.web.access import Role, load_access, new_access, replace_file
+from segway_ecc.deploy.release.agent.files import write_whole
+from segway_ecc.deploy.station.web.access import Role, load_access, new_access
 from segway_ecc.node.errors import ConfigurationError, NodeError
 
 USER: Final = "segway"
@@ -75,7 +76,7 @@ class TargetMachine:
                 if stat.S_ISREG(mode) and stat.S_IMODE(mode) == _MODE and path.read_bytes() == content:
                     return False
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o755)
-            replace_file(path, content, _MODE)
+            write_whole(path, content, _MODE)
         except OSError as error:
             raise NodeError(f"{path} cannot be written: {error.strerror}") from None
         return True

@@ -91,6 +91,7 @@ function changed(isFresh) {
 async function closed() {
   driving.end();
   commands.lost();
+  stop.lost();
   redraw();
   const known = await session();
   if (known?.login) showLogin();

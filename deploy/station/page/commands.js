@@ -19,6 +19,7 @@ export const LABELS = {
   play: "Play",
   break_off: "Break off",
   stop: "Stop",
+  cancel_stop: "Take back the stop of",
 };
 const BUTTONS = {
   "command-buttons": ["take_control", "release_control", "arm", "disarm", "clear_fault", "stand", "sit"],

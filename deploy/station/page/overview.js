@@ -49,6 +49,8 @@ export class Overview {
     const { word, kind } = modeOf(robot);
     text(byId("robot-name"), titleOf(robot));
     text(byId("mode"), word);
+    text(byId("posture"), robot.posture);
+    visible(byId("posture"), robot.is_alive && robot.posture !== "");
     attribute(byId("mode-box"), "data-mode", kind);
     text(byId("reason"), robot.is_alive ? robot.reason : lostReason(robot, since));
     for (const { value, format } of this._values) text(value, format(robot, since));

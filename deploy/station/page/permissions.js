@@ -3,7 +3,7 @@
 
 const ACTIVE = ["ARMED", "HOLD"];
 const PLAYING = ["waiting", "running"];
-export const VIEWER = "You are signed in as a viewer: you can watch but not command";
+export const VIEWER = "You are signed in as a viewer: you can watch and stop, but not command";
 
 /** Why no command to the selected robot is allowed, or an empty text. */
 export function whyNoCommand({ isFresh, hello, robot }) {

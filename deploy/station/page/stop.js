@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: MIT
-// STOP: always there, one key, latched until it is cleared, and confirmed by the drives.
+// STOP: always there, for viewers too, one key, latched until it is cleared, and confirmed by the drives.
+//
+// A stop is kept here, however long the station is away, until the station reports that it has it on its disk or that it
+// is confirmed. Then the station keeps it. It is taken back by hand only.
 //
 // Both Esc and Space stop. Esc works everywhere, in a text field too. Space works everywhere but in a text field, where it
 // types; it presses no button, as the focus may be on `Arm` when it is hit in haste: buttons are pressed with Enter.
@@ -7,13 +10,15 @@
 import { attribute, byId, text, visible } from "./dom.js";
 import { isTextField } from "./driving.js";
 import { duration, milliseconds } from "./format.js";
-import { VIEWER } from "./permissions.js";
 import { titleOf } from "./robots.js";
 
-/** A stop that could not be sent is sent when the station is back within this time; later it would come as a surprise. */
-const KEPT_MS = 10_000;
+/** A stop that the station does not report is sent again after this time, ms. */
+const AGAIN_MS = 1000;
 /** A stop that is not confirmed within this time is shown as not confirmed. */
 const SLOW_MS = 1000;
+
+const UNSENT =
+  "Stop not sent: no connection. It is sent as soon as there is one, however late. Use the robot's own switch";
 
 export class Stop {
   /** @param {object} commands that send it @param {function} now what is known now @param {function} before what ends first */
@@ -28,28 +33,39 @@ export class Stop {
   /** Stop these robots. */
   press(robots) {
     this._before();
-    // Not where the picture is stale: it may be the way to us that is broken, not the one to the robot.
-    if (this._now().hello?.role === "viewer") return this._commands.fail(`STOP: ${VIEWER}`);
-    for (const robot of robots) this._request(robot);
-    return undefined;
-  }
-
-  /** The socket is there again: send what could not be sent. */
-  reconnected(robots) {
+    // Also where the picture is stale: it may be the way to us that is broken, not the one to the robot.
     for (const robot of robots) {
-      const latch = this._latches.get(robot.robot);
-      if (latch?.state === "unsent" && performance.now() - latch.requestedMs < KEPT_MS) this._request(robot);
+      this._latches.set(robot.robot, newLatch());
+      this._send(robot);
     }
   }
 
-  /** Follow the stops as the station reports them. */
+  /** The socket is there again: send what the station does not keep. */
+  reconnected(robots) {
+    for (const [name, latch] of this._latches) {
+      if (!latch.isKept) this._send(robots.find((robot) => robot.robot === name) ?? { robot: name });
+    }
+  }
+
+  /** The socket closed: what the station does not keep is ours to send again. */
+  lost() {
+    for (const latch of this._latches.values()) latch.isSeen = latch.isKept;
+  }
+
+  /** Follow the stops as the station reports them, and send again those that it does not. */
   update(robots) {
     for (const robot of robots) {
       const latch = this._latches.get(robot.robot);
-      if (!latch) continue;
-      // Somebody else may have cleared it.
-      if (latch.wasSeen && robot.stop === "") this._latches.delete(robot.robot);
-      if (robot.stop !== "") latch.wasSeen = true;
+      // Somebody else may have cleared it, or taken it back.
+      if (latch?.isSeen && robot.stop === "") this._latches.delete(robot.robot);
+      else if (latch && robot.stop !== "") {
+        latch.isSeen = true;
+        latch.isKept = robot.stop_kept || robot.stop === "confirmed";
+      }
+    }
+    for (const [name, latch] of this._latches) {
+      const isDue = !latch.isSeen && !latch.isKept && performance.now() - latch.sentMs > AGAIN_MS;
+      if (isDue) this._send(robots.find((robot) => robot.robot === name) ?? { robot: name });
     }
   }
 
@@ -59,25 +75,25 @@ export class Stop {
     text(byId("stop-robot"), robot ? titleOf(robot) : "");
     text(byId("stop-state"), status.words);
     attribute(byId("bar"), "data-stop", status.kind || null);
-    attribute(byId("stop"), "aria-disabled", !robot || now.hello?.role === "viewer" ? "true" : null);
+    attribute(byId("stop"), "aria-disabled", robot ? null : "true");
     visible(byId("stop-clear"), status.kind !== "");
     visible(byId("stop-all"), robots.length > 1);
   }
 
-  _request(robot) {
-    const latch = { requestedMs: performance.now(), state: "requested", why: "", wasSeen: false };
-    this._latches.set(robot.robot, latch);
+  _send(robot) {
+    const latch = this._latches.get(robot.robot);
     const isSent = this._commands.send("stop", robot, {}, (isAccepted, why) => {
-      if (!isAccepted) Object.assign(latch, { state: "failed", why });
+      latch.why = isAccepted ? "" : why;
+      latch.isKept ||= isAccepted;
     });
-    if (!isSent) latch.state = "unsent";
+    if (isSent) Object.assign(latch, { isSent, sentMs: performance.now() });
   }
 
   _status(robot) {
     const latch = this._latches.get(robot.robot);
-    if (latch?.state === "unsent") return { kind: "failed", words: unsent(latch) };
+    if (latch && !latch.isSent) return { kind: "failed", words: UNSENT };
     if (robot.stop === "confirmed") return { kind: "confirmed", words: confirmed(robot) };
-    if (latch?.state === "failed") return { kind: "failed", words: `Stop failed: ${latch.why}. Use the robot's own switch` };
+    if (latch?.why) return { kind: "failed", words: `Stop failed: ${latch.why}. Use the robot's own switch` };
     if (!latch && robot.stop !== "requested") return { kind: "", words: "" };
     const waitedMs = latch ? performance.now() - latch.requestedMs : 0;
     if (waitedMs < SLOW_MS) return { kind: "requested", words: "Stop requested" };
@@ -88,8 +104,11 @@ export class Stop {
     const { robot } = this._now();
     if (!robot) return;
     const clearLatch = () => this._latches.delete(robot.robot);
-    if (robot.stop === "" && robot.mode !== "FAULT") return clearLatch();
-    if (!this._commands.send("clear_fault", robot, {}, (isAccepted) => isAccepted && clearLatch())) {
+    const isFault = robot.is_alive && robot.mode === "FAULT";
+    // What is not with the station yet is only here.
+    if (!this._latches.get(robot.robot)?.isSent || (robot.stop === "" && !isFault)) clearLatch();
+    if (robot.stop === "" && !isFault) return;
+    if (!this._commands.send(isFault ? "clear_fault" : "cancel_stop", robot, {}, (isAccepted) => isAccepted && clearLatch())) {
       this._commands.fail("Clear stop: no connection to the base station");
     }
   }
@@ -135,7 +154,4 @@ function confirmed(robot) {
   return `Stop confirmed${after}: ${what}`;
 }
 
-function unsent(latch) {
-  const isKept = performance.now() - latch.requestedMs < KEPT_MS;
-  return `Stop not sent: no connection. ${isKept ? "It is sent as soon as there is one" : "Press again, or use the robot's own switch"}`;
-}
+const newLatch = () => ({ requestedMs: performance.now(), sentMs: -Infinity, isSent: false, isSeen: false, isKept: false, why: "" });

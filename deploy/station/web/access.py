@@ -9,7 +9,6 @@ import dataclasses
 import enum
 import hashlib
 import hmac
-import os
 import secrets
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -18,7 +17,7 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.deploy.release.agent.files import sync_folder
+from segway_ecc.deploy.release.agent.files import write_whole
 from segway_ecc.deploy.station.web.limits import Bucket, Limits
 from segway_ecc.node.errors import ConfigurationError
 
@@ -76,7 +75,7 @@ class Access:
         kept = _Stored(self._salt.hex(), {role: digest.hex() for role, digest in self._hashes.items()})
         try:
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            replace_file(path, msgspec.json.encode(kept), 0o600)
+            write_whole(path, msgspec.json.encode(kept), 0o600)
         except OSError as error:
             raise ConfigurationError(f"the tokens cannot be kept in {path}: {error.strerror}; see --folder") from None
 
@@ -112,24 +111,6 @@ def load_access(path: Path) -> Access | None:
 
 def _digest(salt: bytes, token: str) -> bytes:
     return hashlib.sha256(salt + token.encode("utf-8", "surrogatepass")).digest()
-
-
-def replace_file(path: Path, content: bytes, mode: int) -> None:
-    """Replace a file, or make it: whole or not at all, with that mode whatever the umask is, and durably.
-
-    Raises:
-        OSError: It cannot be written.
-    """
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    new.unlink(missing_ok=True)
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-    with os.fdopen(file, "wb") as stream:
-        os.fchmod(stream.fileno(), mode)
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    new.replace(path)
-    sync_folder(path.parent)
 
 
 @dataclasses.dataclass(slots=True, eq=False)

@@ -15,6 +15,7 @@ from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
 from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
 from segway_ecc.deploy.station.web.downloads import Downloads
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices, json_response, refusal
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
@@ -46,7 +47,7 @@ _TYPES: Final = {
 
 
 class WebApplication:
-    """Answers requests; `on_request` is called with the connection of each."""
+    """Answers requests; `connections` is reported what becomes of the connection of each, once there is one."""
 
     def __init__(
         self,
@@ -55,7 +56,7 @@ class WebApplication:
         authentication: AuthenticationMiddleware,
         downloads: Downloads,
     ) -> None:
-        self.on_request: Callable[[asyncio.BaseTransport | None], None] = lambda _: None
+        self.connections: ConnectionLimiter | None = None
         self._shared = shared
         self._hub = hub
         self._authentication = authentication
@@ -87,7 +88,8 @@ class WebApplication:
     async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         """Check each request, and answer each failure: one request that fails must not end the station."""
         try:
-            self.on_request(request.transport)
+            if self.connections is not None:
+                self.connections.on_request(request.transport)
             self._authentication.check(request)
             return await handler(request)
         except RefusedRequestError as error:
@@ -136,9 +138,11 @@ class WebApplication:
         if session is None:
             raise RefusedRequestError(Cause.NO_SESSION)
         address = address_of(request)
-        if self._hub.is_full(address):
+        if self._hub.is_full(address, session.role):
             raise RefusedRequestError(Cause.TOO_MANY_SOCKETS)
         await socket.prepare(request)
+        if self.connections is not None:
+            self.connections.on_browser(request.transport)
         transport = request.transport if isinstance(request.transport, asyncio.WriteTransport) else None
         browser = Browser(self._shared, socket, session, address, transport)
         await self._serve(browser, socket)
@@ -182,6 +186,8 @@ class WebApplication:
 
         async def audited(request: web.Request) -> web.StreamResponse:
             self._authentication.note(request, act, self._authentication.session(request, role))
+            if self.connections is not None:
+                self.connections.on_download(request.transport)
             return await handler(request)
 
         return audited

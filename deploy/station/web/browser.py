@@ -21,7 +21,7 @@ _STUCK_NS: Final = 10_000_000_000
 _MISTAKES: Final = frozenset(
     {Cause.MALFORMED, Cause.OVERSIZED, Cause.OUT_OF_RANGE, Cause.REPLAYED_COMMAND, Cause.MESSAGE_RATE}
 )
-_VIEWER: Final = "a viewer may only watch"
+_VIEWER: Final = "a viewer may only watch and stop"
 MOST_BYTES: Final = 160 * 1024
 """Of a whole message: a sequence in JSON, where each line break takes two."""
 MOST_SEQUENCE_BYTES: Final = 64 * 1024
@@ -143,7 +143,8 @@ class Browser:
             raise RefusedMessageError(Cause.REPLAYED_COMMAND, text, message.id)
         self._last_id = message.id
         session = self.session
-        if session.role is not Role.OPERATOR:
+        is_stop = isinstance(message, Command) and message.act is Act.STOP
+        if session.role is not Role.OPERATOR and not is_stop:
             if session.commands.take_token(now_ns):  # so that a viewer cannot wash everything else out of the audit log
                 self._note(message, "refused", _VIEWER)
             raise RefusedMessageError(Cause.VIEWER, _VIEWER, message.id)
@@ -151,7 +152,7 @@ class Browser:
             # Zero is what ends a movement: it is not what a limit is there for.
             if (message.linear or message.angular) and not session.drives.take_token(now_ns):
                 raise RefusedMessageError(Cause.DRIVE_RATE, "too many set-points", message.id)
-        elif not (session.stops if message.act is Act.STOP else session.commands).take_token(now_ns):
+        elif not (session.stops if is_stop else session.commands).take_token(now_ns):
             self._note(message, "refused", "too many commands")
             raise RefusedMessageError(Cause.COMMAND_RATE, "too many commands; wait a moment", message.id)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Accepts connections, or closes them at once: a flood is refused here, before anything is read or decrypted."""
+"""Who gets a connection: the limits for one address and for all, and who gives way where a limit is reached."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,10 @@ from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 _AT_ONCE: Final = 64
 """Accepted before everything else has its turn."""
-_SILENT_NS: Final = 10_000_000_000
+_REQUEST_NS: Final = 10_000_000_000
+"""For a whole request, from when a connection was accepted."""
+_RESPONSE_NS: Final = 30_000_000_000
+"""For a response to be read, from when it was requested; those that were read wait 15 s for the next request."""
 _HANDSHAKE_S: Final = 5.0
 _RESET: Final = struct.pack("ii", 1, 0)
 """SO_LINGER of no time: the connection is reset, and nothing of it is kept by the kernel (socket(7))."""
@@ -24,14 +27,22 @@ _RESET: Final = struct.pack("ii", 1, 0)
 
 @dataclasses.dataclass(slots=True, eq=False)
 class _Connection:
+    """One connection, the request of which is due at `due_ns`, or its response; None is never."""
+
     site: str
-    at_ns: int
+    due_ns: int | None
     transport: asyncio.BaseTransport | None = None
+    task: asyncio.Task[None] | None = None
     has_request: bool = False
+    is_browser: bool = False
 
 
 class ConnectionLimiter:
-    """Accepts the connections that the limits allow, and passes them to a protocol."""
+    """Accepts the connections that the limits allow, and passes them to a protocol.
+
+    Where a limit is reached the oldest connection that is no browser's gives way, of the address that has the most:
+    whoever opens many and lets them wait shuts nobody else out.
+    """
 
     def __init__(
         self, protocol: Callable[[], asyncio.BaseProtocol], shared: SharedServices, tls: ssl.SSLContext | None
@@ -42,10 +53,10 @@ class ConnectionLimiter:
         self._tls = tls
         self._all = Bucket(shared.limits.all_connections, shared.clock_ns())
         self._each = Buckets(shared.limits.connections)
-        self._open: set[_Connection] = set()
+        self._open: dict[_Connection, None] = {}  # the oldest first
+        self._by_transport: dict[asyncio.BaseTransport, _Connection] = {}
         self._by_site: Counter[str] = Counter()
         self._sockets: list[socket.socket] = []
-        self._tasks: set[asyncio.Task[None]] = set()
 
     def open(self, listening: socket.socket) -> None:
         """Accept from a listening socket, which is ours from now on."""
@@ -61,24 +72,31 @@ class ConnectionLimiter:
         self._sockets.clear()
 
     def on_request(self, transport: asyncio.BaseTransport | None) -> None:
-        """Note that a connection has made a whole request."""
-        for connection in self._open:
-            if connection.transport is transport:
-                connection.has_request = True
-                return
+        """Note that a connection has made a whole request, the response to which is to be read."""
+        connection = self._of(transport)
+        if connection is not None:
+            connection.has_request, connection.due_ns = True, self._clock_ns() + _RESPONSE_NS
+
+    def on_download(self, transport: asyncio.BaseTransport | None) -> None:
+        """Note that a connection is sent something long, to somebody who has a session."""
+        connection = self._of(transport)
+        if connection is not None:
+            connection.due_ns = None
+
+    def on_browser(self, transport: asyncio.BaseTransport | None) -> None:
+        """Note that a connection has become a browser's socket, which has limits of its own and never gives way."""
+        connection = self._of(transport)
+        if connection is not None:
+            connection.is_browser, connection.due_ns = True, None
 
     def sweep(self) -> None:
-        """Discard what is closed, and close what never made a request."""
+        """Discard what is closed, and close what is late with its request or does not read its response."""
         now_ns = self._clock_ns()
         for connection in list(self._open):
-            transport = connection.transport
-            if transport is None:
-                continue  # the handshake has a time-out of its own
-            if transport.is_closing():
+            if connection.transport is not None and connection.transport.is_closing():
                 self._discard(connection)
-            elif not connection.has_request and now_ns - connection.at_ns > _SILENT_NS:
-                self._refusals[Cause.SILENT_CONNECTION] += 1
-                transport.close()
+            elif connection.due_ns is not None and now_ns > connection.due_ns:
+                self._cut(connection, Cause.TOO_SLOW if connection.has_request else Cause.SILENT_CONNECTION)
 
     def _accept(self, listening: socket.socket) -> None:
         for _ in range(_AT_ONCE):
@@ -94,12 +112,10 @@ class ConnectionLimiter:
                     accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
                 accepted.close()
                 continue
-            connection = _Connection(site, self._clock_ns())
-            self._open.add(connection)
+            connection = _Connection(site, self._clock_ns() + _REQUEST_NS)
+            self._open[connection] = None
             self._by_site[site] += 1
-            task = asyncio.get_running_loop().create_task(self._serve(accepted, connection))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+            connection.task = asyncio.get_running_loop().create_task(self._serve(accepted, connection))
 
     def _refusal(self, site: str) -> Cause | None:
         now_ns = self._clock_ns()
@@ -107,13 +123,25 @@ class ConnectionLimiter:
         # An address that is over its own limit uses up nothing of what is everybody's.
         if not each.has_token(now_ns) or not self._all.has_token(now_ns):
             return Cause.CONNECTION_RATE
-        if self._is_full(site):
-            self.sweep()
-            if self._is_full(site):
-                return Cause.TOO_MANY_CONNECTIONS
+        if not self._has_room(site):
+            return Cause.TOO_MANY_CONNECTIONS
         each.take_token(now_ns)
         self._all.take_token(now_ns)
         return None
+
+    def _has_room(self, site: str) -> bool:
+        """Whether one more fits, where need be in place of another; it is its own address that makes room first."""
+        if self._is_full(site):
+            self.sweep()
+        if not self._is_full(site):
+            return True
+        is_site_full = self._by_site[site] >= self._limits.open_connections_each
+        giving = Counter(each.site for each in self._open if not each.is_browser)
+        largest = site if is_site_full else next((name for name, _ in giving.most_common(1)), "")
+        oldest = next((each for each in self._open if each.site == largest and not each.is_browser), None)
+        if oldest is not None:
+            self._cut(oldest, Cause.TOO_MANY_CONNECTIONS)
+        return oldest is not None
 
     def _is_full(self, site: str) -> bool:
         limits = self._limits
@@ -123,15 +151,34 @@ class ConnectionLimiter:
         accepted.settimeout(0.0)
         timeout = None if self._tls is None else _HANDSHAKE_S
         try:
-            connection.transport, _ = await asyncio.get_running_loop().connect_accepted_socket(
+            transport, _ = await asyncio.get_running_loop().connect_accepted_socket(
                 self._protocol, accepted, ssl=self._tls, ssl_handshake_timeout=timeout
             )
+        except asyncio.CancelledError:  # it gave way
+            accepted.close()
+            raise
         except (OSError, TimeoutError):
             self._refusals[Cause.BAD_HTTP] += 1
             self._discard(connection)
             accepted.close()
+        else:
+            connection.transport = transport
+            self._by_transport[transport] = connection
+
+    def _of(self, transport: asyncio.BaseTransport | None) -> _Connection | None:
+        return None if transport is None else self._by_transport.get(transport)
+
+    def _cut(self, connection: _Connection, cause: Cause) -> None:
+        self._refusals[cause] += 1
+        if isinstance(connection.transport, asyncio.WriteTransport):
+            connection.transport.abort()  # what is not read yet is not waited for
+        elif connection.task is not None:
+            connection.task.cancel()
+        self._discard(connection)
 
     def _discard(self, connection: _Connection) -> None:
         if connection in self._open:
-            self._open.remove(connection)
+            del self._open[connection]
             self._by_site -= Counter((connection.site,))  # a count of zero is not kept
+            if connection.transport is not None:
+                del self._by_transport[connection.transport]

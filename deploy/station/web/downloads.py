@@ -11,11 +11,11 @@ import urllib.parse
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import IO, Final, NamedTuple, Protocol, TypeAlias
+from typing import IO, Final, NamedTuple, TypeAlias
 
 from aiohttp import web
 
-from segway_ecc.deploy.station.archive_client import Progress
+from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.station.views import FleetView
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, json_response
 from segway_ecc.deploy.support.archive_files import LogFile, logs_in, open_log
@@ -76,25 +76,6 @@ class RobotLogs(NamedTuple):
         return {"robot": self.robot, "logs": logs, "error": self.error}
 
 
-class Archive(Protocol):
-    """Fetches the logs of robots; `deploy.station.archive_client.ArchiveClient` is one. Its methods may wait."""
-
-    def logs(self, robot: str) -> Sequence[LogFile]:
-        """The logs that a robot offers; raises a NodeError with the reason where it offers none."""
-
-    def begin(self, robot: str, name: str) -> None:
-        """Begin to fetch one; raises a NodeError with the reason where it cannot."""
-
-    def progress(self, robot: str) -> Mapping[str, Progress]:
-        """The progress of a robot's logs, by name; does not wait."""
-
-    def open(self, robot: str, name: str) -> tuple[int, int]:
-        """The descriptor and size of one that was fetched; raises FileNotFoundError."""
-
-    def close(self) -> None:
-        """End all fetches; may be called again."""
-
-
 class Downloads:
     """Serves the station's logs, those of the robots in the newest picture, and support bundles."""
 
@@ -102,7 +83,7 @@ class Downloads:
         self,
         folder: Path,
         bundle: Bundle,
-        archive: Archive,
+        archive: ArchiveClient,
         fleet: Callable[[], FleetView],
         clock_ns: Callable[[], int],
     ) -> None:
@@ -226,7 +207,7 @@ def _wants_json(request: web.Request) -> bool:
 class RobotArchives:
     """Lists the logs of robots, each at most once at a time and every two seconds, however many browsers ask."""
 
-    def __init__(self, archive: Archive, clock_ns: Callable[[], int]) -> None:
+    def __init__(self, archive: ArchiveClient, clock_ns: Callable[[], int]) -> None:
         self._archive = archive
         self._clock_ns = clock_ns
         # Of its own: what waits for robots must not delay what reads files.
@@ -264,7 +245,7 @@ class RobotArchives:
         return found
 
 
-def _here(archive: Archive, robot: str, names: Iterable[str]) -> Mapping[str, LogFile]:
+def _here(archive: ArchiveClient, robot: str, names: Iterable[str]) -> Mapping[str, LogFile]:
     found = {}
     for name in names:
         with contextlib.suppress(FileNotFoundError):

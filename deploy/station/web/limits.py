@@ -32,10 +32,11 @@ class Limits(NamedTuple):
         stops: Stops of one session; a bucket of their own, so that nothing else uses it up.
         drives: Set-points of one session.
         mistakes: Messages that are refused; one socket that sends more is closed.
-        open_connections: At the same time.
-        open_connections_each: At the same time, of one address.
+        open_connections: At the same time; of more the oldest that is no browser's gives way.
+        open_connections_each: At the same time, of one address; as above.
         sockets: Browsers at the same time.
         sockets_each: Browsers at the same time, of one address.
+        sockets_kept: Of these, those that no viewer takes: an operator finds room.
         ping_s: How often a browser is pinged, s; it has half of that to answer.
     """
 
@@ -53,6 +54,7 @@ class Limits(NamedTuple):
     open_connections_each: int = 256
     sockets: int = 200
     sockets_each: int = 128
+    sockets_kept: int = 20
     ping_s: float = 10.0
 
 

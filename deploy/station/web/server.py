@@ -15,12 +15,13 @@ from typing import Final, NamedTuple, Self, TypeAlias
 
 from aiohttp import web
 
+from segway_ecc.deploy.station.archive_client import ArchiveClient
 from segway_ecc.deploy.station.web.access import Access
 from segway_ecc.deploy.station.web.app import WebApplication
 from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
-from segway_ecc.deploy.station.web.downloads import Archive, Bundle, Downloads
+from segway_ecc.deploy.station.web.downloads import Bundle, Downloads
 from segway_ecc.deploy.station.web.limits import Limits
 from segway_ecc.deploy.station.web.shared import Cause, Robots, SharedServices
 from segway_ecc.deploy.station.web.site_address import SiteAddress
@@ -51,7 +52,7 @@ class ServerSettings(NamedTuple):
     logs: Path
     version: str
     bundle: Bundle
-    archive: Archive
+    archive: ArchiveClient
     access: Access | None = None
     tls: ssl.SSLContext | None = None
     limits: Limits = Limits()
@@ -89,7 +90,7 @@ class Server:
         if server is None:
             raise RuntimeError("aiohttp gave no server")
         self._limiter = ConnectionLimiter(server, self.shared, settings.tls)
-        self._application.on_request = self._limiter.on_request
+        self._application.connections = self._limiter
         for listening in self._sockets:
             self._limiter.open(listening)
 

@@ -24,12 +24,9 @@ _WAITING: Final = 128
 
 
 class SiteAddress(NamedTuple):
-    """Where we are to be found.
+    """Where we are to be found, by `http` or `https`; the names are what we are called besides addresses.
 
-    Attributes:
-        scheme: `http` or `https`.
-        names: What we are called besides addresses.
-        is_loopback: Whether we are there for this machine only.
+    On loopback we are there for this machine only.
     """
 
     scheme: str

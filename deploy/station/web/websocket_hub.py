@@ -11,6 +11,7 @@ import msgspec
 from aiohttp import WSCloseCode
 
 from segway_ecc.deploy.station.views import FleetView, HelloView
+from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.limits import site_of
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
@@ -48,9 +49,12 @@ class WebSocketHub:
         """Whether the station has given no new picture for seconds."""
         return self._clock_ns() - self._changed_ns > _STALLED_NS
 
-    def is_full(self, address: str) -> bool:
-        """Whether there are too many browsers to add another of this address."""
-        return len(self) >= self._limits.sockets or self._by_site[site_of(address)] >= self._limits.sockets_each
+    def is_full(self, address: str, role: Role) -> bool:
+        """Whether there are too many browsers to add another of this address; viewers leave some for operators."""
+        limits = self._limits
+        kept = limits.sockets_kept if role is Role.VIEWER else 0
+        is_site_full = self._by_site[site_of(address)] >= limits.sockets_each - kept
+        return len(self) >= limits.sockets - kept or is_site_full
 
     def add(self, browser: Browser) -> None:
         """Add a browser: send it who it is, what happened lately and the newest picture."""

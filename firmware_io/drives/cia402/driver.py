@@ -62,11 +62,15 @@ class Cia402Pair(PhasedDrive):
         self._cycle_us = round(loop_period_s * 1e6)
         self._sleep_until_ns = sleep_until_ns
         self._wheels = tuple(
-            Cia402Wheel(side, wheel, loop_period_s, now_ns)
+            Cia402Wheel(side, wheel, loop_period_s, now_ns, settings.ride_through_s)
             for side, wheel in (("left", settings.left), ("right", settings.right))
         )
         self._listeners = {identifier: wheel for wheel in self._wheels for identifier in wheel.listens_to}
         self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, self._listeners))
+        ours = [int(Service.NMT), int(Service.SYNC), Service.HEARTBEAT + settings.host_node_id]
+        for wheel in (settings.left, settings.right):
+            ours += [Service.RPDO1 + wheel.node_id, Service.SDO_REQUEST + wheel.node_id]
+        self.commanded_by: Collection[FrameKey] = frozenset(map(FrameKey, ours))
         self._heartbeat = Frame(Service.HEARTBEAT + settings.host_node_id, pack_heartbeat(NmtState.OPERATIONAL))
 
     def start(self) -> None:

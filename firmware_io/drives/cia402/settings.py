@@ -36,11 +36,7 @@ class Cia402WheelSettings(WheelSettings, frozen=True, kw_only=True):
 
 
 class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
-    """Two drives of the CiA 402 profile over CANopen.
-
-    Attributes:
-        host_node_id: The node id under which the host sends the heartbeat that the drives watch.
-    """
+    """Two drives of the CiA 402 profile over CANopen, which watch the heartbeat of the host under `host_node_id`."""
 
     host_node_id: NodeId = 127
     left: Cia402WheelSettings

@@ -58,8 +58,7 @@ class SetUpError(HardwareError):
 def set_up(network: LinkNetwork, settings: Cia402Settings, wheel: Cia402WheelSettings, cycle_us: int) -> float:
     """Set up a drive that has just been reset, for SYNC each `cycle_us`, and leave it pre-operational; blocks.
 
-    Returns:
-        The rated torque of its motor, N m.
+    It returns the rated torque of its motor, N m.
 
     Raises:
         SetUpError: It does not answer, or is not or does not become what it must be.

@@ -45,12 +45,10 @@ class Exchange(NamedTuple):
 class Restoring:
     """Sets up a drive again that has restarted: in the loop, one request a cycle, without waiting.
 
-    It asks what the drive was asked when it was set up, and is content with the same answers only.
-    The set-up begins with the drive as it is after a reset, so the answers are the same if the drive is. A value that
-    is read may take a moment to become what it was: reading is repeated until the time is up.
-
-    Attributes:
-        failure: Why the drive could not be set up again; None where it was, or nothing was tried.
+    It asks what the drive was asked when it was set up, and is content with the same answers only. The set-up begins
+    with the drive as it is after a reset, so the answers are the same if the drive is. A value that is read may take a
+    moment to become what it was: reading is repeated until the time is up. `failure` is why the drive could not be set
+    up again; None where it was, or nothing was tried.
     """
 
     def __init__(self, exchanges: Sequence[Exchange], now_ns: NowNs) -> None:
@@ -118,7 +116,9 @@ class Cia402Wheel:
         emergency: The error it reported since `begin`; None where there is none.
     """
 
-    def __init__(self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs) -> None:
+    def __init__(
+        self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
+    ) -> None:
         """Begin with a drive from which nothing has been received."""
         self.side = side
         self.node_id = settings.node_id
@@ -141,7 +141,7 @@ class Cia402Wheel:
         stale_ns = dict.fromkeys((Service.TPDO1, Service.TPDO2), stale_after_ns(loop_period_s, loop_period_s))
         stale_ns[Service.HEARTBEAT] = stale_after_ns(HEARTBEAT_PERIOD_MS * 1e-3, loop_period_s)
         stale_ns[Service.TPDO3] = SUPPLY_STALE_NS
-        self._fresh = Freshness(stale_ns, now_ns)
+        self._fresh = Freshness(stale_ns, now_ns, ride_through_s)
 
     @property
     def has_restarted(self) -> bool:
@@ -255,6 +255,7 @@ class Cia402Wheel:
             **{f"refused.{cause}": str(count) for cause, count in self._refused.items()},
             "state": str(self.state or "unknown"),
             "nmt": self._nmt_name,
+            **self._fresh.health,
             "emergency": "none" if self.emergency is None else self.emergency.description,
             "bus_voltage_v": f"{self.supply_voltage:.3f}" if self.supply_age[1] else "not reported",
             "rated_torque_nm": "unknown" if self.rated_torque is None else f"{self.rated_torque:g}",

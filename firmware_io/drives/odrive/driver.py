@@ -3,13 +3,23 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.devices import Readings
+from segway_ecc.firmware_io.devices import FrameKey, Readings
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.odrive import messages as m
-from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, Message, encode, request
+from segway_ecc.firmware_io.drives.odrive.frames import (
+    COMMANDING,
+    COMMANDS,
+    HEARTBEAT,
+    VERSION,
+    Firmware,
+    Message,
+    arbitration_id,
+    encode,
+    request,
+)
 from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
 from segway_ecc.firmware_io.drives.odrive.messages import PASSTHROUGH, TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
@@ -50,6 +60,9 @@ class Odrive(PhasedDrive):
         self._axis = AxisListener(name, settings, loop_period_s, now_ns)
         self.signals: Mapping[str, str] = self._axis.signals
         self.listens_to = self._axis.listens_to
+        self.commanded_by: Collection[FrameKey] = frozenset(
+            FrameKey(arbitration_id(self._wheel.node_id, command)) for command in COMMANDING
+        )
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # All steps of both wheels may be on their way over the serial line.
         line_s = 0.0 if settings.serial is None else _STEPS_BITS / settings.serial.baudrate

@@ -120,6 +120,8 @@ LAYOUTS: Final[Mapping[Firmware, Mapping[int, _FrameLayout]]] = {
     },
 }
 """Every frame that is used here, by its command."""
+COMMANDING: Final = frozenset({0x02, 0x07, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x16, 0x18, 0x19})
+"""Those that a host sends, in one firmware or the other; an axis sends the rest."""
 _COMMAND_OF: Final = {
     firmware: {layout.message: command for command, layout in layouts.items()} for firmware, layouts in LAYOUTS.items()
 }
@@ -205,12 +207,7 @@ def encode(firmware: Firmware, node_id: int, message: Message) -> Frame:
 
 
 def decode(firmware: Firmware, identifier: int, data: bytes) -> Message:
-    """The message in a frame, whichever node it belongs to.
-
-    Args:
-        firmware: Whose meaning its command has.
-        identifier: The frame's 11-bit identifier.
-        data: Its bytes.
+    """The message in a frame, whichever node it belongs to; its command has the meaning that it has in `firmware`.
 
     Raises:
         FrameRefusedError: A command that firmware does not have, a wrong length, or a number that is not finite.

@@ -59,9 +59,7 @@ class OdriveSerialCodec:
     """Translates the frames of two axes of one board; see `SerialCodec`.
 
     Each poll asks for the estimates, state and errors of both axes; one in ten, for the supply's voltage and current.
-
-    Attributes:
-        refused: Lines received and not taken, by cause; under `LOST` polls of whose replies some are missing.
+    `refused` are lines received and not taken, by cause; under `LOST` polls of whose replies some are missing.
     """
 
     def __init__(self, settings: OdriveSettings) -> None:

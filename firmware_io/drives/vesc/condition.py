@@ -97,9 +97,7 @@ class TimeoutProbe:
     The time-out cannot be read, but a controller reports, when asked, whether it acts. So commands stop for as long as
     the time-out was set to, and a little more, and the controller is asked. While it is, its motor is free, or held by
     the brake current that was set for the time-out; zero was commanded before. Questions do not count as commands.
-
-    Attributes:
-        silence_s: How long commands had stopped when the time-out was seen to act, or last seen not to, s.
+    `silence_s` is how long, s, they had stopped when the time-out was seen to act, or last seen not to.
     """
 
     __slots__ = ("_answered", "_quiet_ns", "_tries", "_wait_until_ns", "_zero_ns", "found", "silence_s")

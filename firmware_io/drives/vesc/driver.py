@@ -30,6 +30,8 @@ from segway_ecc.firmware_io.drives.vesc.condition import (
     fault_name,
 )
 from segway_ecc.firmware_io.drives.vesc.frames import (
+    BROADCAST_ID,
+    COMMANDING,
     Current,
     PacketId,
     Status,
@@ -86,10 +88,17 @@ class Vesc(PhasedDrive):
         self.listens_to: Collection[FrameKey] = frozenset(
             FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, self._answers_id)
         )
+        self.commanded_by: Collection[FrameKey] = frozenset(
+            FrameKey(arbitration_id(packet, to), is_extended=True)
+            for packet in COMMANDING
+            for to in (wheel.controller_id, BROADCAST_ID)
+        )
         stale_ns = stale_after_ns(1.0 / settings.status_rate_hz, loop_period_s)
         asked_ns = stale_after_ns(_ASK_EVERY_NS * 1e-9, loop_period_s)
         self._fresh = Freshness(
-            {**dict.fromkeys(_TELEMETRY, stale_ns), PacketId.PROCESS_SHORT_BUFFER: asked_ns}, now_ns
+            {**dict.fromkeys(_TELEMETRY, stale_ns), PacketId.PROCESS_SHORT_BUFFER: asked_ns},
+            now_ns,
+            settings.ride_through_s,
         )
         self._refused: Counter[str] = Counter()
         self._status = Status(0.0, 0.0, 0.0)
@@ -217,6 +226,7 @@ class Vesc(PhasedDrive):
             "timeout": f"{self._probe.found}{measured}",
             "fault": "not reported" if fault is None else fault_name(fault) if fault else "none",
             "bus_voltage_v": f"{self._bus_voltage:.1f}",
+            **self._fresh.health,
             "current_a": f"{self._status.current:.1f}",
         }
 

@@ -57,6 +57,10 @@ class PacketId(enum.IntEnum):
     STATUS_6 = 58
 
 
+COMMANDING: Final = frozenset(packet for packet in PacketId if packet.name.startswith("SET_"))
+"""What moves a motor. Questions are left out: a controller passes on those that it has over its serial line."""
+
+
 class Duty(NamedTuple):
     """Duty cycle, -1 to 1."""
 
@@ -335,11 +339,9 @@ def read_mask(packet: bytes) -> int:
 
 
 def encode_values(question: bytes, values: Mapping[str, float]) -> bytes:
-    """The reply of a controller to a question.
+    """The reply of a controller to a question with at least the values that it asks for.
 
-    Args:
-        question: A GET_VALUES or GET_VALUES_SELECTIVE packet, which the reply repeats.
-        values: At least the values that are asked for.
+    The question is a GET_VALUES or GET_VALUES_SELECTIVE packet, which the reply repeats.
 
     Raises:
         FrameRefusedError: As for `read_mask`; or a value is not finite or does not fit its integer.

@@ -54,10 +54,8 @@ class PacketReceiver:
     Every byte that could begin a packet is followed up on its own, so that a false beginning hides nothing behind it,
     and a packet that seems to lie within another one does not hide that: the CRC of a run of zeros is zero, so that
     `02 01 00 00 00 03` may well stand among the values of a longer packet. Both are given out, each when its last byte
-    comes; their contents distinguish them. What is kept is bounded by the longest packet.
-
-    Attributes:
-        refused: Packets received and not taken, by cause; `garbage` counts stretches of half a kilobyte without any.
+    comes; their contents distinguish them. What is kept is bounded by the longest packet. `refused` counts packets
+    received and not taken, by cause; `garbage` in it, stretches of half a kilobyte without any.
     """
 
     __slots__ = ("_dropped", "_ends", "_good_to", "_kept", "refused")

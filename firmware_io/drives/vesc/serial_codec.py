@@ -37,8 +37,7 @@ _SET_BYTES: Final = 4
 class VescSerialCodec:
     """Translates between the frames of two controllers and the serial protocol of one; see `SerialCodec`.
 
-    Attributes:
-        refused: What was received and not taken, by cause; garbage counts in bytes.
+    `refused` is what was received and not taken, by cause; garbage counts in bytes.
     """
 
     def __init__(self, settings: VescSettings) -> None:

@@ -27,7 +27,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     FrameId,
     WheelCommand,
 )
-from segway_ecc.firmware_io.drives.wheel_board.settings import WATCHDOG_ALLOWED_S
+from segway_ecc.firmware_io.drives.wheel_board.settings import WATCHDOG_ALLOWED_S, WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _WHEELS: Final[Mapping[FrameId, Mapping[str, str]]] = {
@@ -50,19 +50,14 @@ class WheelBoard(PhasedDrive):
     name = "board"
     commands: Mapping[str, str] = {"left.voltage": "V", "right.voltage": "V"}
     limits: Sequence[float] = (MAX_VOLTAGE, MAX_VOLTAGE)
+    commanded_by: Collection[FrameKey] = frozenset({FrameKey(FrameId.WHEEL_COMMAND), FrameKey(FrameId.BOARD_SETUP)})
 
     def __init__(
-        self,
-        link: Link,
-        watchdog_s: float,
-        loop_period_s: float,
-        now_ns: NowNs = time.monotonic_ns,
-        *,
-        imu: bool = False,
+        self, link: Link, settings: WheelBoardSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
-        """Drive the board at the other end of `link`, its watchdog set to `watchdog_s` (0.02 to 0.05 s)."""
+        """Drive the board at the other end of `link`, exchanged with at `loop_period_s`."""
         super().__init__(now_ns)
-        measured = {**_WHEELS, **_IMU} if imu else _WHEELS
+        measured = {**_WHEELS, **_IMU} if settings.imu else _WHEELS
         telemetry = frozenset({*measured, FrameId.BOARD_STATUS})
         self.signals: Mapping[str, str] = {
             **{k: v for signals in measured.values() for k, v in signals.items()},
@@ -71,11 +66,11 @@ class WheelBoard(PhasedDrive):
         self.listens_to: Collection[FrameKey] = frozenset(FrameKey(frame_id) for frame_id in telemetry)
         self._link = link
         self._endpoint = Endpoint(link.send, telemetry)
-        self._watchdog_s = watchdog_s
+        self._watchdog_s = settings.watchdog_s
         stale_ns: dict[int, int] = {
             frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry
         }
-        self._fresh = Freshness(stale_ns, now_ns)
+        self._fresh = Freshness(stale_ns, now_ns, settings.ride_through_s)
         self._newest: dict[int, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
 
@@ -186,6 +181,7 @@ class WheelBoard(PhasedDrive):
             "bus_voltage_v": f"{self._status.bus_voltage:.3f}",
             "watchdog_s": f"{self._status.watchdog_s:.3f}",
             "refused_frames": str(self._status.refused_frames),
+            **self._fresh.health,
         }
 
     def _send(self, command: WheelCommand) -> None:

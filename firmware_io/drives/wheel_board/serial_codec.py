@@ -38,8 +38,7 @@ _SEQUENCE: Final = 256
 class BoardSerialCodec:
     """Packets from and to the board; see `SerialCodec`. Both ends use it.
 
-    Attributes:
-        refused: What was received and not taken, by cause; under `LOST` packets missing by their sequence numbers.
+    `refused` is what was received and not taken, by cause; under `LOST` packets missing by their sequence numbers.
     """
 
     def __init__(self) -> None:

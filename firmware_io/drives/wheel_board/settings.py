@@ -11,12 +11,7 @@ WATCHDOG_ALLOWED_S: Final = (0.02, 0.05)
 
 
 class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_board"):
-    """Our own wheel board.
-
-    Attributes:
-        serial: A second way to it, to fall back on.
-        imu: Whether the board has an IMU and sends what it measures.
-    """
+    """Our own wheel board: a serial line to fall back on, and whether it has an IMU and sends what it measures."""
 
     serial: SerialSettings | None = None
     imu: bool = False

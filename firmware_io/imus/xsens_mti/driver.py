@@ -67,7 +67,12 @@ class XsensMti:
     signals: Mapping[str, str] = _SIGNALS
 
     def __init__(
-        self, link: Link, settings: XsensMtiSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
+        self,
+        link: Link,
+        settings: XsensMtiSettings,
+        loop_period_s: float,
+        now_ns: NowNs = time.monotonic_ns,
+        ride_through_s: float = 0.0,
     ) -> None:
         """Listen to the sensor on `link`."""
         self._messages = {settings.key(message): message for message in LAYOUTS}
@@ -75,7 +80,9 @@ class XsensMti:
         self._link = link
         self._mounting = settings.rotation
         self._tick_s = settings.sample_time_tick_s
-        self._fresh = Freshness(dict.fromkeys(_NEEDED, stale_after_ns(settings.period_s, loop_period_s)), now_ns)
+        self._fresh = Freshness(
+            dict.fromkeys(_NEEDED, stale_after_ns(settings.period_s, loop_period_s)), now_ns, ride_through_s
+        )
         self._counter = GroupCounter(round(settings.period_s * 1e9))
         self._refused: Counter[Refusal] = Counter()
         self._vectors: dict[Message, Vector] = dict.fromkeys(
@@ -145,6 +152,7 @@ class XsensMti:
             "error": "none" if self._error is None else str(self._error),
             "warnings": str(self._warnings),
             "sample_period_s": f"{self._sample_period_s:.6f}",
+            **self._fresh.health,
         }
         if Message.STATUS_WORD in self._newest:
             health["status_word"] = f"0x{int(self._newest[Message.STATUS_WORD]):08X}"

@@ -228,8 +228,7 @@ def load(path: Path) -> ctypes.CDLL:
 def main(settings: contextlib.AbstractContextManager[object] | None = None) -> None:
     """Run for as long as was asked for, then write the samples.
 
-    Args:
-        settings: In force while it spins, such as a scheduling of this thread; none where it is run by itself.
+    `settings` are in force while it spins, such as a scheduling of this thread; none where it is run by itself.
     """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", type=Path, required=True)

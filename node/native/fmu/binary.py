@@ -18,7 +18,7 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.compile import ELF64, cached, compile_c, compiler_identity, digest
 from segway_ecc.node.native.fmu.facts import read_xml
 
-_SHIM_SOURCES: Final = ("shim.c", "calls.h")
+_SHIM_SOURCES: Final = ("shim.c", "calls.h", "own_functions.h", "../repeatable.c", "../ending.h")
 _SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")
 _LIBRARIES: Final = ("-lm", "-ldl")
 _REPEATABLE: Final = Path(__file__).parent.parent / "repeatable.c"

@@ -14,6 +14,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "own_functions.h"
+
 enum { INPUT, OUTPUT, PARAMETER, STATE, KINDS };
 enum { SECTIONS = 5 };
 enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL };
@@ -76,7 +78,7 @@ typedef struct {
     char *starting;
     void (*run_static)(void *);
     const char *stop; /* the model's own flag */
-    double *time;     /* s; of repeatable.c, in an FMU compiled from its sources */
+    double *time;     /* s; of repeatable.c: the FMU's own where it was compiled from its sources, else the shim's */
 } Functions;
 
 
@@ -207,6 +209,9 @@ static int open_library(void) {
         const char *reason = dlerror();
         return fail("its library does not load: %s", reason != NULL ? reason : "no reason is given");
     }
+    if (use_own_functions(handle) < 0) {
+        return fail("its library cannot be given functions of its own");
+    }
     memset(&fmu, 0, sizeof fmu);
     missing = NULL;
     if (plan->version == 2) {
@@ -224,6 +229,7 @@ static int open_library(void) {
     *(void **)&fmu.run_static = own_symbol(plan->static_symbol);
     fmu.stop = own_symbol(plan->stop_symbol);
     fmu.time = dlsym(handle, "ecc_time");
+    fmu.time = fmu.time != NULL ? fmu.time : &ecc_time;
     return 0;
 }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.model import LARGEST, Variable, Write
 from segway_ecc.node.native.fmu.facts import Causality, Facts, FmuVariable
 from segway_ecc.node.native.fmu.twenty_sim import TwentySim
 from segway_ecc.node.native.library import Description, Flavour
@@ -120,7 +120,12 @@ def _plain(
     if twenty_sim is not None:
         unit = unit or twenty_sim.units.get(variable.name, "")
         value = value if value is not None else twenty_sim.values.get(variable.name)
-    return Variable(variable.name, unit or "1", value if value is not None else 0.0, *write)
+    low = -LARGEST if variable.minimum is None else variable.minimum
+    high = LARGEST if variable.maximum is None else variable.maximum
+    if not low <= high or (variable.start is not None and not low <= variable.start <= high):
+        text = f"variable '{variable.name}' has the range {low:g} to {high:g}, and starts at {variable.start}"
+        raise ModelError(f"{text}: correct the model and export it again")
+    return Variable(variable.name, unit or "1", value if value is not None else 0.0, *write, minimum=low, maximum=high)
 
 
 def _tunability(variable: FmuVariable, twenty_sim: TwentySim | None, *, follows: bool) -> tuple[Write, str]:

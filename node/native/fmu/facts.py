@@ -104,6 +104,7 @@ class FmuVariable:
         type: The element that gives its type; "Real" and "Float64" are double precision.
         unit: Unit as given; empty for none.
         start: Start value, in `unit`; None where it is given none.
+        minimum, maximum: Its range, in `unit`; None where it is given none.
         derivative: In FMI 2.0 the place (from 1), in FMI 3.0 the reference, of what it is the derivative of.
         array: It has dimensions.
     """
@@ -116,6 +117,8 @@ class FmuVariable:
     type: str
     unit: str
     start: float | None
+    minimum: float | None
+    maximum: float | None
     derivative: int | None
     array: bool
 
@@ -209,9 +212,9 @@ def _co_simulation(root: ET.Element, path: Path) -> ET.Element:
 
 
 def _variables(root: ET.Element, where: str, version: int) -> Iterator[FmuVariable]:
-    # The unit of a type stands on it in FMI 3.0, on its child in FMI 2.0.
-    units = {
-        definition.get("name"): next((unit for each in (definition, *definition) if (unit := each.get("unit"))), "")
+    # What a type gives stands on it in FMI 3.0, on its child in FMI 2.0.
+    types = {
+        definition.get("name"): {key: value for each in (definition, *definition) for key, value in each.items()}
         for definition in root.iterfind("TypeDefinitions/*")
     }
     for element in root.iterfind("ModelVariables/*"):
@@ -223,6 +226,7 @@ def _variables(root: ET.Element, where: str, version: int) -> Iterator[FmuVariab
         if causality not in tuple(Causality):
             raise ModelError(f"causality of {what} is '{causality}', which the standard does not know: export it again")
         real = typed.tag in _REAL
+        given = {**types.get(typed.get("declaredType"), {}), **typed.attrib}
         array = element.find("Dimension") is not None
         derivative = typed.get("derivative")
         yield FmuVariable(
@@ -232,8 +236,10 @@ def _variables(root: ET.Element, where: str, version: int) -> Iterator[FmuVariab
             variability=element.get("variability", "continuous" if real else "discrete"),
             initial=element.get("initial", ""),
             type=typed.tag,
-            unit=typed.get("unit") or units.get(typed.get("declaredType"), ""),
+            unit=given.get("unit", ""),
             start=number(typed.get("start"), f"start of {what}") if real and not array else None,
+            minimum=number(given.get("min"), f"min of {what}") if real and not array else None,
+            maximum=number(given.get("max"), f"max of {what}") if real and not array else None,
             derivative=_natural(derivative, f"derivative of {what}") if derivative else None,
             array=array,
         )

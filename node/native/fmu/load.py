@@ -119,7 +119,7 @@ class FmuModel(NativeModel):
         Raises:
             ModelError: The library cannot be loaded, or lacks a function.
         """
-        warnings = (*layout.description.warnings, *repeatability_warnings(library))
+        warnings = (*layout.description.warnings, *repeatability_warnings(library, exported(shim())))
         super().__init__(dataclasses.replace(layout.description, warnings=warnings), shim())
         place, plan = Path(tempfile.mkdtemp(prefix="segway-ecc-fmu-")), _plan(layout, facts, twenty_sim)
         # Also at the end of the process, and before the copy's folder goes; the library uses the plan until then.

@@ -4,6 +4,7 @@
  * Compiled once; each instance loads its own copy, so the state below and in calls.h belongs to one FMU.
  */
 
+#define _GNU_SOURCE
 #include <math.h>
 
 #include "calls.h"
@@ -137,24 +138,24 @@ static int start(const double *u, double *y) {
     return get_outputs(y);
 }
 
-/* The interface. */
+/* The calls. */
 
-int32_t ecc_fmu_open(const Plan *given) {
-    plan = given;
+static int open_fmu(void) {
     /* Instantiated once and given back, so that an FMU that refuses does so when it is loaded. */
     int status = open_library() < 0 || instantiate() < 0 ? -1 : 0;
     release();
     return status;
 }
 
-void ecc_fmu_close(void) {
+static int close_fmu(void) {
     if (plan != NULL) {
         release();
         phase = NOT_STARTED;
     }
+    return 0;
 }
 
-int32_t ecc_initialize(const double *u, double *y) {
+static int initialize(const double *u, double *y) {
     if (phase == FATAL) {
         return fail("the FMU failed for good earlier: load it again");
     }
@@ -208,7 +209,7 @@ static int advance(bool *over) {
     return settle(status, "its step fails");
 }
 
-int32_t ecc_step(const double *u, double *y) {
+static int step(const double *u, double *y) {
     if (phase != RUNNING) {
         return not_running();
     }
@@ -220,16 +221,14 @@ int32_t ecc_step(const double *u, double *y) {
     }
     /* Added up, as the FMU does it: a product differs in the last bit now and then, and costs a whole step too many. */
     now += plan->step;
-    if (fmu.time != NULL) {
-        *fmu.time = now;
-    }
+    *fmu.time = now;
     if (get_outputs(y) < 0) {
         return -1;
     }
     return over || (fmu.stop != NULL && *fmu.stop != 0);
 }
 
-int32_t ecc_terminate(void) {
+static int terminate(void) {
     if (phase != RUNNING) {
         return 0;
     }
@@ -237,24 +236,23 @@ int32_t ecc_terminate(void) {
     return settle(fmu.terminate(instance), "its final equations fail");
 }
 
-int32_t ecc_static(void) {
+static int run_static(void) {
     if (phase == RUNNING && fmu.run_static != NULL) {
         fmu.run_static(instance);
     }
     return 0;
 }
 
-double ecc_read(int32_t kind, int32_t index) {
+static int read_value(int32_t kind, int32_t index, double *value) {
     const Group *group = &plan->groups[kind];
-    double value = NAN;
     if (phase != RUNNING && phase != ENDED) {
-        return group->starts[index];
+        *value = group->starts[index];
+        return 0;
     }
-    get_values(&group->references[index], 1, &value);
-    return value;
+    return get_values(&group->references[index], 1, value);
 }
 
-int32_t ecc_write(int32_t kind, int32_t index, double value) {
+static int write_value(int32_t kind, int32_t index, double value) {
     const Group *group = &plan->groups[kind];
     /* A parameter keeps its value when the model starts anew; of the states only those written for that. */
     if (kind == PARAMETER || !group->live[index]) {
@@ -265,6 +263,59 @@ int32_t ecc_write(int32_t kind, int32_t index, double value) {
         return 0;
     }
     return settle(set_values(&group->references[index], 1, &value), "it refuses the value");
+}
+
+/* The interface: a call in which the FMU would end the process fails, and so do all later ones. */
+
+#define CALL(expression)                                \
+    jmp_buf way;                                        \
+    int status;                                         \
+    if (setjmp(way) != 0) {                             \
+        phase = FATAL;                                  \
+        return fail("%s", ecc_ended_by);                \
+    }                                                   \
+    ecc_way_out = &way;                                 \
+    status = (expression);                              \
+    ecc_way_out = NULL;                                 \
+    return status
+
+int32_t ecc_fmu_open(const Plan *given) {
+    plan = given;
+    CALL(open_fmu());
+}
+
+int32_t ecc_fmu_close(void) {
+    CALL(close_fmu());
+}
+
+int32_t ecc_initialize(const double *u, double *y) {
+    CALL(initialize(u, y));
+}
+
+int32_t ecc_step(const double *u, double *y) {
+    CALL(step(u, y));
+}
+
+int32_t ecc_terminate(void) {
+    CALL(terminate());
+}
+
+int32_t ecc_static(void) {
+    CALL(run_static());
+}
+
+static int read_protected(int32_t kind, int32_t index, double *value) {
+    CALL(read_value(kind, index, value));
+}
+
+double ecc_read(int32_t kind, int32_t index) {
+    double value = NAN;
+    read_protected(kind, index, &value);
+    return value;
+}
+
+int32_t ecc_write(int32_t kind, int32_t index, double value) {
+    CALL(write_value(kind, index, value));
 }
 
 const char *ecc_error(void) {

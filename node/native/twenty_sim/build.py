@@ -57,7 +57,7 @@ def build(parts: Parts, header: str, model: bytes) -> tuple[Path, tuple[str, ...
     files |= {f"supplied/{name}": text.encode() for name, text in _supplied_headers(folder).items()}
     home, ours = Path(__file__).parent, (f"shim/shim.{ending}", f"shim/repeatable.{ending}")
     files |= {ours[0]: (home / "shim.c").read_bytes(), ours[1]: (home.parent / "repeatable.c").read_bytes()}
-    files["shim/ecc_model.h"] = header.encode()
+    files |= {"shim/ending.h": (home.parent / "ending.h").read_bytes(), "shim/ecc_model.h": header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), *ours]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
     commands = []

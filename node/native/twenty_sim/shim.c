@@ -7,15 +7,24 @@
 #define _GNU_SOURCE
 #endif
 #include <dlfcn.h>
+#include <errno.h>
 #include <link.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
+#ifdef __cplusplus
+#include <exception>
+#include <new>
+#endif
+
 #include "ecc_model.h"
+#include "ending.h"
 
 #define ECC_RANGES 8
 typedef struct {
@@ -24,18 +33,27 @@ typedef struct {
     size_t size;
 } ecc_range;
 
-/* What outlives a restart: it lies on the heap, out of reach of the restoring below. */
+/* A word of the model's memory that is not what it was when the model was loaded. */
+typedef struct {
+    uint64_t place; /* which word it is; with ECC_ADDRESS, the value is an offset into this shared object */
+    uint64_t value;
+} ecc_word;
+#define ECC_ADDRESS (UINT64_C(1) << 63)
+
+/* What outlives a restart: it lies on the heap, out of reach of the restoring below. What comes before `error` is part of
+   the model's state. */
 typedef struct {
     int begun;   /* the model has been initialized at least once */
     int running; /* initialized and not terminated */
     int stale;   /* something was written since the rates were computed */
-    const char *error;
     double parameters[ECC_PARAMETERS + 1];
     char written[ECC_PARAMETERS + 1];
     ecc_real u[ECC_INPUTS + 1];
     ecc_real y[ECC_OUTPUTS + 1];
+    const char *error;
     int ranges;
-    ecc_range range[ECC_RANGES];
+    ecc_range range[ECC_RANGES + 1]; /* the last one is the beginning of this */
+    uint64_t image, image_end;
     void (**constructors)(void);
     size_t constructor_count;
 } ecc_kept_state;
@@ -50,6 +68,37 @@ extern void *__dso_handle __attribute__((visibility("hidden")));
 void __cxa_finalize(void *object);
 #ifdef __cplusplus
 }
+#endif
+
+#ifdef __cplusplus
+/* What the model makes with `new` lies in its own memory as far as there is room: elsewhere it would be lost to its
+   state. A restart makes it empty again. */
+#define ECC_ROOM 65536
+alignas(16) static char ecc_room[ECC_ROOM];
+static size_t ecc_used;
+
+void *operator new(size_t size)
+{
+    void *place;
+    if (size > ECC_ROOM - ecc_used) {
+        place = malloc(size);
+        if (!place)
+            throw std::bad_alloc();
+        return place;
+    }
+    place = ecc_room + ecc_used;
+    ecc_used += (size + 15) & ~(size_t) 15; /* ECC_ROOM at most, which is a multiple too */
+    return place;
+}
+void operator delete(void *place) noexcept
+{
+    if ((char *) place < ecc_room || (char *) place >= ecc_room + ECC_ROOM)
+        free(place);
+}
+void *operator new[](size_t size) { return operator new(size); }
+void operator delete[](void *place) noexcept { operator delete(place); }
+void operator delete(void *place, size_t) noexcept { operator delete(place); }
+void operator delete[](void *place, size_t) noexcept { operator delete(place); }
 #endif
 
 /* Finds what runs when this shared object is loaded. */
@@ -74,8 +123,11 @@ static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
     for (i = 0; i < info->dlpi_phnum; i++) {
         const ElfW(Phdr) *part = &info->dlpi_phdr[i];
         ElfW(Addr) start = info->dlpi_addr + part->p_vaddr;
-        if (part->p_type == PT_LOAD && own >= start && own < start + part->p_memsz)
+        if (part->p_type == PT_LOAD && own >= start && own < start + part->p_memsz) {
             mine = 1;
+            ecc_kept->image = info->dlpi_addr;
+            ecc_kept->image_end = start + part->p_memsz; /* what is written to comes last */
+        }
         if (part->p_type == PT_GNU_RELRO)
             sealed = (start + part->p_memsz) / page * page;
     }
@@ -88,8 +140,9 @@ static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
             continue;
         if (sealed > start && sealed <= end)
             start = sealed;
+        start &= ~(ElfW(Addr)) 7; /* whole words, which lie in the same pages */
         ecc_kept->range[ecc_kept->ranges].place = (char *) start;
-        ecc_kept->range[ecc_kept->ranges].size = (size_t) (end - start);
+        ecc_kept->range[ecc_kept->ranges].size = (size_t) ((end - start + 7) & ~(ElfW(Addr)) 7);
         ecc_kept->ranges++;
     }
     return mine;
@@ -106,14 +159,17 @@ static int ecc_remember(void)
     for (i = 0; i < ECC_PARAMETERS; i++)
         ecc_kept->parameters[i] = ecc_parameter_starts[i];
     dl_iterate_phdr(ecc_find, NULL);
-    for (i = 0; i < ecc_kept->ranges; i++) {
+    ecc_kept->range[ecc_kept->ranges].place = (char *) ecc_kept;
+    ecc_kept->range[ecc_kept->ranges].size = offsetof(ecc_kept_state, error);
+    for (i = 0; i <= ecc_kept->ranges; i++) {
         ecc_kept->range[i].content = malloc(ecc_kept->range[i].size);
         if (!ecc_kept->range[i].content) {
-            ecc_kept->ranges = i;
-            break;
+            free(ecc_kept);
+            ecc_kept = NULL;
+            return 0;
         }
     }
-    for (i = 0; i < ecc_kept->ranges; i++)
+    for (i = 0; i <= ecc_kept->ranges; i++)
         memcpy(ecc_kept->range[i].content, ecc_kept->range[i].place, ecc_kept->range[i].size);
     return 1;
 }
@@ -169,7 +225,7 @@ void ecc_before_initial(void)
             ecc_parameters()[i] = (ecc_real) ecc_kept->parameters[i];
 }
 
-int32_t ecc_initialize(const double *u, double *y)
+static int32_t ecc_do_initialize(const double *u, double *y)
 {
     if (!ecc_remember())
         return -1;
@@ -184,7 +240,7 @@ int32_t ecc_initialize(const double *u, double *y)
     return 0;
 }
 
-int32_t ecc_step(const double *u, double *y)
+static int32_t ecc_do_step(const double *u, double *y)
 {
     if (!ecc_kept || !ecc_kept->running)
         return ecc_failed("it is not initialized");
@@ -199,8 +255,10 @@ int32_t ecc_step(const double *u, double *y)
     return ecc_stopped() ? 1 : 0;
 }
 
-int32_t ecc_terminate(void)
+static int32_t ecc_do_terminate(const double *u, double *y)
 {
+    (void) u;
+    (void) y;
     if (ecc_kept && ecc_kept->running)
         ecc_finish(ecc_kept->u, ecc_kept->y);
     if (ecc_kept)
@@ -208,14 +266,45 @@ int32_t ecc_terminate(void)
     return 0;
 }
 
-int32_t ecc_static(void)
+static int32_t ecc_do_static(const double *u, double *y)
 {
+    (void) u;
+    (void) y;
     if (ecc_kept && ecc_kept->running) {
         ecc_statics();
         ecc_kept->stale = 1;
     }
     return 0;
 }
+
+/* Calls the model's own code; a model that would end the process has failed, as has one that throws. */
+static int32_t ecc_call(int32_t (*call)(const double *, double *), const double *u, double *y)
+{
+    jmp_buf way;
+    int32_t status;
+    if (setjmp(way))
+        return ecc_failed(ecc_ended_by);
+    ecc_way_out = &way;
+#ifdef __cplusplus
+    try {
+        status = call(u, y);
+    } catch (const std::exception &thrown) {
+        snprintf(ecc_ended_by, sizeof ecc_ended_by, "it threw an exception: %s", thrown.what());
+        status = ecc_failed(ecc_ended_by);
+    } catch (...) {
+        status = ecc_failed("it threw what is no std::exception");
+    }
+#else
+    status = call(u, y);
+#endif
+    ecc_way_out = NULL;
+    return status;
+}
+
+int32_t ecc_initialize(const double *u, double *y) { return ecc_call(ecc_do_initialize, u, y); }
+int32_t ecc_step(const double *u, double *y) { return ecc_call(ecc_do_step, u, y); }
+int32_t ecc_terminate(void) { return ecc_call(ecc_do_terminate, NULL, NULL); }
+int32_t ecc_static(void) { return ecc_call(ecc_do_static, NULL, NULL); }
 
 double ecc_read(int32_t kind, int32_t index)
 {
@@ -248,6 +337,78 @@ int32_t ecc_write(int32_t kind, int32_t index, double value)
         return ecc_failed("a state can be written once the model is initialized");
     }
     ecc_kept->stale = 1;
+    return 0;
+}
+
+/* Whether anything but a number may have this value; what cannot be asked is taken for an address. */
+static int ecc_is_address(uint64_t value)
+{
+    unsigned char resident;
+    uint64_t page = (uint64_t) sysconf(_SC_PAGESIZE);
+    if (value < 65536 || value >> 48)
+        return 0;
+    return mincore((void *) (uintptr_t) (value / page * page), 1, &resident) == 0 || errno != ENOMEM;
+}
+
+/* Gives the model's state: every word that is not what it was when the model was loaded. Returns how many. */
+int32_t ecc_save(ecc_word *words, int32_t most)
+{
+    int32_t count = 0;
+    uint64_t place = 0, was, now;
+    size_t at;
+    int i;
+    if (sizeof(void *) != 8 || !ecc_remember())
+        return ecc_failed("the machine's words are not of 64 bits");
+    for (i = 0; i <= ecc_kept->ranges; i++) {
+        const ecc_range *range = &ecc_kept->range[i];
+        for (at = 0; at < range->size; at += 8, place++) {
+            memcpy(&was, (const char *) range->content + at, 8);
+            memcpy(&now, range->place + at, 8);
+            if (now == was)
+                continue;
+            if (count == most)
+                return ecc_failed("it is too large");
+            words[count].place = place;
+            words[count].value = now;
+            if (now >= ecc_kept->image && now < ecc_kept->image_end) {
+                words[count].place |= ECC_ADDRESS;
+                words[count].value -= ecc_kept->image;
+            } else if (ecc_is_address(now)) {
+                return ecc_failed("it holds the address of memory that is not its own");
+            }
+            count++;
+        }
+    }
+    return count;
+}
+
+/* Puts a state back that ecc_save of the same shared object gave. */
+int32_t ecc_load(const ecc_word *words, int32_t count)
+{
+    uint64_t place = 0, total = 0, first;
+    int32_t next;
+    int i;
+    if (sizeof(void *) != 8 || !ecc_remember())
+        return -1;
+    for (i = 0; i <= ecc_kept->ranges; i++)
+        total += ecc_kept->range[i].size / 8;
+    for (next = 0; next < count; next++) {
+        uint64_t value = words[next].value;
+        first = place;
+        place = words[next].place & ~ECC_ADDRESS;
+        if (place >= total || (next > 0 && place <= first))
+            return ecc_failed("the places of the words are not those of this model");
+        if (words[next].place & ECC_ADDRESS ? value >= ecc_kept->image_end - ecc_kept->image : ecc_is_address(value))
+            return ecc_failed("it holds the address of memory that is not the model's");
+    }
+    for (first = 0, next = 0, i = 0; i <= ecc_kept->ranges; first += ecc_kept->range[i++].size / 8) {
+        ecc_range *range = &ecc_kept->range[i];
+        memcpy(range->place, range->content, range->size);
+        for (; next < count && (words[next].place & ~ECC_ADDRESS) < first + range->size / 8; next++) {
+            uint64_t value = words[next].value + (words[next].place & ECC_ADDRESS ? ecc_kept->image : 0);
+            memcpy(range->place + 8 * ((words[next].place & ~ECC_ADDRESS) - first), &value, 8);
+        }
+    }
     return 0;
 }
 

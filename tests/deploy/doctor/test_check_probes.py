@@ -8,7 +8,7 @@ import pytest
 from segway_ecc.deploy.doctor.check import Probes
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.hil.pseudo_terminal import PtyPort
+from segway_ecc.hil.rig.simulated_serial import PtyPort
 
 MS = 1_000_000
 

@@ -30,6 +30,7 @@ def test_a_robots_computer_as_it_should_be(fake: FakeMachine) -> None:
         "CAN can0 queue",
         "serial line",
         "drives' watchdogs",
+        "robot file",
         "real-time scheduling",
         "memory lock",
         "real-time throttling",

@@ -13,7 +13,7 @@ from tests.deploy.image.boot_report import analysis, boot_of
 from tests.deploy.image.robot import Robot, SwitchOn
 from tests.deploy.image.uml_machine import Machine
 
-pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.image
 WRITE = "dd if=/dev/urandom of=/var/lib/segway-ecc/written bs=64k count=4000 2> /dev/null & sleep 0.2"
 
 

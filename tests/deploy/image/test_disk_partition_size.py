@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.image.commands import ImageError
 from segway_ecc.deploy.image.disk import MIB, RELEASES, PartitionContent, log_limit, partition_content
+from segway_ecc.deploy.image.recipe import ImageError
 
 
 def test_the_data_partition_holds_what_it_must(tmp_path: Path) -> None:

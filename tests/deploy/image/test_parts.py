@@ -10,8 +10,16 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.image import disk
-from segway_ecc.deploy.image.commands import ImageError, run
-from segway_ecc.deploy.image.recipe import Recipe, differences, files_of, read_manifest, recipe_of, write_manifest
+from segway_ecc.deploy.image.recipe import (
+    ImageError,
+    Recipe,
+    differences,
+    files_of,
+    read_manifest,
+    recipe_of,
+    run,
+    write_manifest,
+)
 
 FILES = Path(__file__).parents[3] / "deploy" / "image" / "files"
 

@@ -14,7 +14,7 @@ from segway_ecc.hil.case_study.seats import OfflineSeat, conduct
 from tests.deploy.image.robot import Robot, SwitchOn
 from tests.deploy.image.uml_machine import Machine
 
-pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.image
 WITHIN_M = 0.05
 CASE_STUDY = "segway-ecc case-study --seat can --no-real-time --robot cart-can --channel vcan0 --out /run/study --json"
 SEGWAY = "segway-ecc prove endurance segway --channel vcan0 --hours 0.005 --frame-loss 0 --seeds 1 --json"

@@ -3,6 +3,7 @@
 
 import getpass
 import os
+import pwd
 import shutil
 import socket
 import subprocess
@@ -44,15 +45,19 @@ def sshd(module_robot: Robot) -> Iterator[Sshd]:
     program = shutil.which("sshd", path=f"{os.environ['PATH']}:/usr/sbin")
     if program is None:
         (pytest.fail if "CI" in os.environ else pytest.skip)("no sshd: sudo apt-get install openssh-server")
+    if pwd.getpwuid(os.geteuid()).pw_shell.endswith(("/nologin", "/false")):
+        pytest.skip(f"nobody can log in as {getpass.getuser()}, whose shell is none")
     folder, port = module_robot.folder / "ssh", _port()
     (folder / "home").mkdir(parents=True)
     for name in ("host", "user"):
         _key(folder / name)
-    if os.geteuid() == 0:
+    if is_root := os.geteuid() == 0:
         Path("/run/sshd").mkdir(exist_ok=True)  # sshd separates its privileges there
+    # Without PAM sshd refuses an account that has no password.
+    pam = "no" if is_root else "yes"
     (folder / "sshd_config").write_text(
         f"ListenAddress 127.0.0.1:{port}\nHostKey {folder}/host\nPidFile none\nAuthorizedKeysFile {folder}/user.pub\n"
-        f"StrictModes no\nUsePAM no\nPasswordAuthentication no\nPermitRootLogin prohibit-password\n"
+        f"StrictModes no\nUsePAM {pam}\nPasswordAuthentication no\nPermitRootLogin prohibit-password\n"
         f"SetEnv PATH={module_robot.folder}/bin:/usr/bin:/bin HOME={folder}/home\n"
     )
     host_key = (folder / "host.pub").read_text()

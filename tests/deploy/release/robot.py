@@ -110,11 +110,25 @@ class Sshd:
     pid: int
 
     def cut(self) -> None:
-        """End every connection at once, as a pulled cable does."""
-        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
-        for child in children:
+        """End every connection at once, as a pulled cable does: all of sshd but the one that listens."""
+        connections = _sshd_children(self.pid)
+        for connection in connections:  # of an ordinary user each has a process of its own below it
+            connections += _sshd_children(connection)
+        for connection in connections:
             with contextlib.suppress(ProcessLookupError):
-                os.kill(int(child), signal.SIGKILL)
+                os.kill(connection, signal.SIGKILL)
+
+
+def _sshd_children(pid: int) -> list[int]:
+    children = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(child) for child in (children.read_text().split() if children.exists() else ()) if _is_sshd(child)]
+
+
+def _is_sshd(pid: str) -> bool:
+    try:
+        return Path(f"/proc/{pid}/comm").read_text().startswith("sshd")
+    except OSError:  # it has ended meanwhile
+        return False
 
 
 class LocalHost(Host):

@@ -10,7 +10,7 @@ import pytest
 
 from segway_ecc.deploy.release.host import BOOTSTRAP, Host, UnreachableError, UpdateRefusedError
 from segway_ecc.deploy.release.requests import status
-from segway_ecc.deploy.verbs.deploy_options import rules
+from segway_ecc.deploy.verbs.deploy_status import rules
 from segway_ecc.node.cli.main import main
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.robot import Robot, Sshd

@@ -20,11 +20,12 @@ from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.trajectory import Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.sequence.manoeuvre import Odometry, single_segment
 from tests.ros_domains import next_domain
 
 NS_PER_MS = 1_000_000
-ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, posture=Posture.BALANCING)
 _FAKE = Path(__file__).with_name("fake_robot.py")
 
 
@@ -34,7 +35,7 @@ class RecordingConnection:
         self.calls: list[Action] = []
         self.driven: list[tuple[float, float]] = []
         self.followed: list[Trajectory] = []
-        self.stands: list[bool] = []
+        self.introduced: list[str] = []
         self.pending: list[ServiceResponse] = []
 
     def is_ready(self, _action: Action) -> bool:
@@ -56,15 +57,18 @@ class RecordingConnection:
 
     def status(self, now_ns: int) -> TrajectoryStatus | None:
         """What a robot would report of what was sent last."""
-        if not self.followed or not self.followed[-1].points:
+        whole = [each for each in self.followed if each.points]
+        if not whole:
             return None
-        stamp_ns, points = self.followed[-1]
+        stamp_ns, points = whole[-1].stamp_ns, whole[-1].points
         end_ns = stamp_ns + points[-1].offset_ns
         state = TrajectoryState.DONE if now_ns >= end_ns else TrajectoryState.FOLLOWED
-        return TrajectoryStatus(stamp_ns, state, "", stamp_ns, end_ns)
+        if not self.followed[-1].points:
+            state = TrajectoryState.ABORTED
+        return TrajectoryStatus(stamp_ns, state, "", stamp_ns, end_ns, digest=whole[-1].digest)
 
-    def stand(self, *, up: bool) -> None:
-        self.stands.append(up)
+    def introduce(self, station: str) -> None:
+        self.introduced.append(station)
 
 
 class Replies(list[tuple[bool, str]]):

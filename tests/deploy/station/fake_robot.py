@@ -11,8 +11,10 @@ import heapq
 import json
 import math
 import os
+import struct
 import sys
 import time
+import zlib
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -25,7 +27,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from segway_ecc.node.ros.runtime import ros_node
 
-ACTIONS = ("arm", "disarm", "stop", "clear_fault")
+ACTIONS = ("arm", "disarm", "stop", "clear_fault", "stand_up", "sit_down")
 TIMEOUT_S = 0.5
 NOT_RAW = False
 NS_PER_S = 1_000_000_000
@@ -57,7 +59,7 @@ class FakeRobot:
         self.node, self.name = node, name
         self.mode, self.reason, self.drives, self.zero = "DISARMED", "just started", "off", True
         self.refuses = ""
-        self.stand = 1.0
+        self.posture = "BALANCING"
         self.is_deaf = self.serves_not = False
         self.drives_stay_on = self.drives_fall_silent = False
         self.checks = {"check.rate": "ok: 100.00 Hz of 100 Hz", "check.tilt": "refused: 1.00 rad from upright"}
@@ -74,6 +76,7 @@ class FakeRobot:
         self.setpoint_out = node.create_publisher(TwistStamped, "setpoint", 500)
         self.trajectory_out = node.create_publisher(DiagnosticStatus, "trajectory_status", 10)
         self.trajectory, self.trajectory_reported = (0, 0), (0, "")
+        self.digest = 0
         self.pitch_out = node.create_publisher(Float64, "pitch", 10)
         self.battery_out = node.create_publisher(BatteryState, "battery_state", 10)
         self.diagnostics_out = node.create_publisher(DiagnosticArray, "diagnostics", 10)
@@ -82,7 +85,6 @@ class FakeRobot:
             for kind, topic, depth in (
                 (Twist, "cmd_vel", 10),
                 (MultiDOFJointTrajectory, "cmd_trajectory", 10),
-                (Float64, "set/stand", 10),
                 (Header, "station", 1),
             )
         ]
@@ -106,9 +108,6 @@ class FakeRobot:
             heapq.heappush(self.waiting, (now_ns, message.linear.x, message.angular.z))
         elif index == 1:
             self.take_trajectory(message, at, now_ns)
-        elif index == 2:
-            self.received.append(["stand", at, message.data])
-            self.stand = message.data
         else:
             stamp = message.stamp.sec * NS_PER_S + message.stamp.nanosec
             self.beat, self.beat_ns = f"{message.frame_id} {stamp}", now_ns
@@ -128,18 +127,22 @@ class FakeRobot:
         self.waiting.clear()
         if not points:
             heapq.heappush(self.waiting, (now_ns, 0.0, 0.0))
+            self.trajectory = (self.trajectory[0], now_ns)
             return
         for (begin, linear, angular), (end, *_) in zip(points, [*points[1:], (points[-1][0] + 1,)], strict=True):
             for offset in range(begin, end, NS_PER_S // 10):
                 heapq.heappush(self.waiting, (stamp + offset, linear, angular))
         self.trajectory = (stamp, stamp + points[-1][0])
+        numbers = (number for point in points for number in point)
+        self.digest = zlib.crc32(struct.pack(f"<q{'qdd' * len(points)}", stamp, *numbers))
 
     def publish_trajectory(self, now_ns: int) -> None:
         start, end = self.trajectory
         state = "none" if not start else "accepted" if now_ns < start else "done" if now_ns >= end else "followed"
         if (start, state) != self.trajectory_reported:
             self.trajectory_reported = (start, state)
-            values = {"stamp_ns": start, "state": state, "reason": "", "start_ns": start, "end_ns": end}
+            values = {"stamp_ns": start, "state": state, "reason": "", "start_ns": start, "end_ns": end, "cycles": 1}
+            values["digest"] = self.digest
             pairs_ = pairs({key: str(value) for key, value in values.items()})
             self.trajectory_out.publish(DiagnosticStatus(level=b"\0", name=f"{self.name}: trajectory", values=pairs_))
 
@@ -153,6 +156,9 @@ class FakeRobot:
             service.handle.service_send_response(Trigger.Response(success=accepted, message=text), header.request_id)
 
     def obey(self, action: str) -> str:
+        if action in {"stand_up", "sit_down"}:
+            self.posture = {"stand_up": "STANDING UP", "sit_down": "SITTING DOWN"}[action]
+            return f"the robot is {self.posture}"
         mode, reason = {
             "arm": ("ARMED", "asked to arm"),
             "disarm": ("DISARMED", "asked to disarm"),
@@ -190,7 +196,7 @@ class FakeRobot:
         self.odometry_out.publish(message)
         self.publish_trajectory(now_ns)
         self.pitch_out.publish(Float64(data=0.05))
-        reported = (self.mode, self.reason, self.drives, self.stand)
+        reported = (self.mode, self.reason, self.drives, self.posture)
         if reported != self.reported or now_ns - self.mode_ns >= 0.1 * NS_PER_S:
             self.reported, self.mode_ns = reported, now_ns
             self.mode_out.publish(self.mode_message(now_ns))
@@ -207,7 +213,7 @@ class FakeRobot:
             "zero": str(self.zero).lower(),
             "heartbeat": self.beat,
             "heartbeat_age_ms": f"{(now_ns - self.beat_ns) / 1e6:.3f}" if self.beat else "",
-            "stand": repr(self.stand),
+            "posture": self.posture,
         }
         text = f"{self.mode}: {self.reason}"
         return DiagnosticStatus(level=b"\0", name=f"{self.name}: mode", message=text, values=pairs(values))

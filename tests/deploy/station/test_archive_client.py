@@ -16,13 +16,14 @@ from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.views import EventView, FleetView, RobotView
 from segway_ecc.deploy.support.archive_files import PIECE_BYTES, Value
+from segway_ecc.deploy.support.archive_service import ArchiveCalls
 from segway_ecc.deploy.support.file_store import FileStore
 from segway_ecc.node.errors import NobodyListensError
 
 CONTENT = hashlib.shake_128(b"log").digest(5 * PIECE_BYTES + 100)
 
 
-class Robot:
+class Robot(ArchiveCalls):
     """Archives of robots; `answer` can be put in front of what they say."""
 
     def __init__(self, folder: Path) -> None:

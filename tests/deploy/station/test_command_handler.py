@@ -11,15 +11,16 @@ from segway_ecc.deploy.station.requests import ServiceResponse
 from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act
 from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 MS = 1_000_000
 S = 1_000_000_000
-ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, posture=Posture.BALANCING)
 OFF = ModeReport("alice", Mode.FAULT, "stop was pressed", "off")
 
 
-@pytest.mark.parametrize("act", list(Act))
+@pytest.mark.parametrize("act", sorted(set(Act) - {Act.STOP}))
 def test_command_to_unknown_robot_is_refused(bench: Any, act: Act) -> None:
     bench.ask("ann", act, robot="/nobody")
     assert bench.replies == [(False, "no robot is known as /nobody")]
@@ -45,7 +46,9 @@ def test_a_request_is_answered_by_the_robot_and_logged(bench: Any, events: Event
     )
 
 
-@pytest.mark.parametrize("act", sorted(set(Act) - {Act.STOP, Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF}))
+@pytest.mark.parametrize(
+    "act", sorted(set(Act) - {Act.STOP, Act.CANCEL_STOP, Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF})
+)
 def test_commands_to_a_lost_robot_fail_at_once(bench: Any, act: Act) -> None:
     bench.pass_time(1500, alive=False)
     bench.ask("ann", act, manoeuvre=single_segment(1.0, 0.0, 5.0))
@@ -172,19 +175,21 @@ def test_giving_up_control(bench: Any) -> None:
     assert bench.connection.driven == [(1.0, 0.0), (0.0, 0.0)]
 
 
-def test_standing_up_and_sitting_down(bench: Any) -> None:
+def test_standing_up_and_sitting_down_are_services_whose_refusal_is_shown(bench: Any) -> None:
     bench.ask("ann", Act.STAND)
     bench.ask("ann", Act.SIT)
-    assert bench.connection.stands == [True, False]
-    assert bench.replies == [(False, "replaced by a later request before it was confirmed")]
-    bench.report(ARMED)
-    assert len(bench.replies) == 1, "it is still reported to stand"
-    bench.report(ARMED._replace(stand=0.0))
-    assert bench.replies[1:] == [(True, "the robot has accepted it: sit down")]
-    bench.report(ARMED._replace(stand=None))
+    assert bench.connection.calls == [Action.STAND_UP, Action.SIT_DOWN]
+    why = "clear the fault first: stop was pressed"
+    bench.connection.pending = [ServiceResponse(Action.STAND_UP, 1, accepted=False, message=why)]
+    bench.handler.receive_responses("/a")
+    assert bench.replies == [(False, why)]
+
+
+def test_a_robot_without_a_posture_is_not_asked_to_stand(bench: Any) -> None:
+    bench.report(ARMED._replace(posture=None))
     bench.ask("ann", Act.STAND)
-    assert bench.replies[2] == (False, "this robot cannot stand up or sit down by command")
-    assert len(bench.connection.stands) == 2
+    assert bench.replies == [(False, "this robot cannot stand up or sit down by command")]
+    assert bench.connection.calls == []
 
 
 def test_the_end_of_the_station_answers_everything(bench: Any) -> None:

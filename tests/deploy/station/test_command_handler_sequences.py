@@ -10,10 +10,11 @@ from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act
 from segway_ecc.node.cycle.trajectory import CANCEL
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 MS = 1_000_000
-ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, posture=Posture.BALANCING)
 OFF = ModeReport("alice", Mode.FAULT, "stop was pressed", "off")
 
 
@@ -90,6 +91,21 @@ def test_ended_sequence_brings_robot_to_rest(
     assert bench.connection.followed[before:] == [CANCEL]
     bench.pass_time(bench.now + 500)
     assert bench.connection.followed[before:] == [CANCEL]
+
+
+def test_a_cancel_that_is_not_confirmed_is_in_the_event_log(
+    bench: Any, texts: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.play("ann")
+    monkeypatch.setattr(bench.connection, "status", lambda _: None)
+    bench.ask("ann", Act.BREAK_OFF)
+    bench.pass_time(bench.now + 3000)
+    bench.pass_time(bench.now + 5000)
+    unconfirmed = "sequence one: broken off: ann broke it off; the robot does not confirm that it stopped"
+    assert texts().count(unconfirmed) == 1
+    monkeypatch.undo()
+    bench.pass_time(bench.now + 100)
+    assert texts().count("sequence one: broken off: ann broke it off") == 2
 
 
 def test_zeros_while_a_sequence_is_played_do_not_end_it(bench: Any) -> None:

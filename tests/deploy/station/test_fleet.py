@@ -11,6 +11,7 @@ from segway_ecc.deploy.station.fleet import MOST_ROBOTS, EventLog, Fleet, Heartb
 from segway_ecc.deploy.station.robot_messages import Health, ModeReport, Pitch, SetpointReport, Supply
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.sequence.manoeuvre import Odometry
 
 S = 1_000_000_000
@@ -30,7 +31,7 @@ def view(fleet: Fleet, now_s: float) -> RobotView:
 def test_every_received_value_is_in_the_picture(fleet: Fleet) -> None:
     beats = Heartbeats("base")
     beats.due(S)
-    mode = ARMED._replace(station="base", beat_ns=S, beat_age_ns=S // 1000, stand=0.0)
+    mode = ARMED._replace(station="base", beat_ns=S, beat_age_ns=S // 1000, posture=Posture.SITTING_DOWN)
     health = Health({"rate": "ok"}, {"can": {"state": "active"}}, {"rate_hz": "100"})
     for received in (
         mode,
@@ -65,6 +66,7 @@ def test_every_received_value_is_in_the_picture(fleet: Fleet) -> None:
         links={"can": {"state": "active"}},
         timing={"rate_hz": "100"},
         can_stand=True,
+        posture="SITTING DOWN",
     )
 
 

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: MIT
+from typing import Any
+
 import pytest
 
 from segway_ecc.deploy.station.fleet import Heartbeats
 from segway_ecc.deploy.station.robot_messages import ModeReport
+from segway_ecc.deploy.station.views import Act
 from segway_ecc.node.safety.modes import Mode
+from tests.deploy.station.conftest import ARMED
 
 MS = 1_000_000
 
@@ -57,3 +61,28 @@ def test_old_stamps_are_forgotten() -> None:
         beats.due(index * 100 * MS)
     assert received(beats, echo(0), 5000 * MS) is None
     assert received(beats, echo(100 * MS), 5000 * MS) is not None
+
+
+def test_station_introduces_itself_where_an_operator_has_control_until_the_robot_reports_it(bench: Any) -> None:
+    bench.pass_time(2000)
+    assert bench.connection.introduced == [], "nobody has control"
+    bench.ask("ann", Act.TAKE_CONTROL)
+    bench.pass_time(2500)
+    assert bench.connection.introduced == [], "no heartbeats are sent"
+    bench.handler._beats.due(bench.now * MS)
+    bench.pass_time(3000)
+    assert bench.connection.introduced == ["base"]
+    bench.pass_time(3500)
+    assert bench.connection.introduced == ["base", "base"]
+    beat_ns = bench.handler._beats.due(bench.now * MS)
+    echo = ARMED._replace(station="base", beat_ns=beat_ns, is_introduced=True)
+    bench.report(echo)
+    bench.pass_time(6000)
+    assert len(bench.connection.introduced) == 2
+    bench.report(echo._replace(station="other", is_introduced=False))
+    bench.pass_time(7000)
+    assert len(bench.connection.introduced) == 2, "that is of another station"
+    beat_ns = bench.handler._beats.due(bench.now * MS)
+    bench.report(echo._replace(beat_ns=beat_ns, is_introduced=False))  # the robot was started again
+    bench.pass_time(7500)
+    assert bench.connection.introduced == ["base"] * 3

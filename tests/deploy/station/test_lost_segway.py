@@ -47,7 +47,8 @@ class World(NoStage, NoRecorder):
         self._cycle += 1
         setpoint = Setpoint(0.5, 0.4) if self.time_s > DRIVES_FROM_S else REST
         beats = [Heartbeat("base", self._cycle)] if self._cycle % 20 == 0 and self.time_s <= LOST_FROM_S else []
-        return Inbox(setpoints=[StampedSetpoint(setpoint, None)], stations=beats)
+        introductions = ["base"] if self._cycle == 1 else []
+        return Inbox(setpoints=[StampedSetpoint(setpoint, None)], stations=beats, introductions=introductions)
 
     def close(self) -> None:
         """Nothing is open."""

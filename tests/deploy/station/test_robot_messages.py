@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from segway_ecc.deploy.station.robot_messages import ModeReport, decode_health, decode_mode, finite
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 
 TOLD = {
     "mode": "HOLD",
@@ -17,6 +18,7 @@ TOLD = {
     "heartbeat": "base station 1 123456789",
     "heartbeat_age_ms": "12.5",
     "stand": "0.0",
+    "posture": "SITTING DOWN",
 }
 
 
@@ -30,7 +32,7 @@ def test_a_whole_message() -> None:
         station="base station 1",
         beat_ns=123_456_789,
         beat_age_ns=12_500_000,
-        stand=0.0,
+        posture=Posture.SITTING_DOWN,
     )
     assert decode_mode("alice: mode", TOLD) == expected
 

@@ -29,6 +29,11 @@ def at(now_ms: int) -> Odometry:
     return Odometry(START + now_ms * MS, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+@pytest.fixture(autouse=True)
+def _exact_stamps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.urandom", bytes)
+
+
 @pytest.fixture
 def playing(replies: Any) -> SequencePlayback:
     return SequencePlayback(read_sequence(ONE, "one", LIMITS), "one", replies, 0)
@@ -36,8 +41,11 @@ def playing(replies: Any) -> SequencePlayback:
 
 def status(connection: Any, state: TrajectoryState, reason: str = "") -> TrajectoryStatus:
     """What the robot reports of what was sent last."""
-    stamp_ns, points = connection.followed[-1]
-    return TrajectoryStatus(stamp_ns, state, reason, stamp_ns, stamp_ns + points[-1].offset_ns)
+    trajectory = next(each for each in reversed(connection.followed) if each.points)
+    stamp_ns, digest = trajectory.stamp_ns, trajectory.digest
+    return TrajectoryStatus(
+        stamp_ns, state, reason, stamp_ns, stamp_ns + trajectory.points[-1].offset_ns, digest=digest
+    )
 
 
 def test_it_is_sent_whole_to_begin_half_a_second_ahead_and_again_until_the_robot_answers(
@@ -117,18 +125,64 @@ def test_the_answer_to_another_trajectory_is_none_of_ours(
 def test_breaking_off_cancels_once(playing: SequencePlayback, connection: Any, replies: Any) -> None:
     playing.step(connection, at(0), 0)
     playing.on_status(status(connection, TrajectoryState.FOLLOWED))
-    playing.break_off(connection, "bob took control")
+    playing.break_off(connection, "bob took control", 700 * MS)
     playing.step(connection, at(750), 750 * MS)
-    playing.break_off(connection, "again")
+    playing.break_off(connection, "again", 750 * MS)
     assert connection.followed[1:] == [CANCEL]
     assert (playing.view.state, playing.view.reason) == ("broken off", "bob took control")
     assert replies == [(True, "one is being played")]
 
 
+def test_a_cancel_is_sent_again_until_the_robot_reports_the_end(playing: SequencePlayback, connection: Any) -> None:
+    playing.step(connection, at(0), 0)
+    followed = status(connection, TrajectoryState.FOLLOWED)
+    playing.on_status(followed)
+    playing.break_off(connection, "bob took control", S)
+    for now in range(1000, 2200, 50):
+        playing.on_status(followed)
+        playing.step(connection, at(now), now * MS)
+    assert connection.followed[1:] == [CANCEL] * 3
+    playing.on_status(followed._replace(state=TrajectoryState.ABORTED))
+    for now in range(2200, 9000, 50):
+        playing.step(connection, at(now), now * MS)
+    assert connection.followed[1:] == [CANCEL] * 3
+    assert playing.outcome == "sequence one: broken off: bob took control"
+
+
+def test_a_cancel_that_is_not_confirmed_is_reported_and_sent_while_the_robot_goes_on(
+    playing: SequencePlayback, connection: Any
+) -> None:
+    playing.step(connection, at(0), 0)
+    followed = status(connection, TrajectoryState.FOLLOWED)
+    playing.on_status(followed)
+    playing.break_off(connection, "the robot is lost", S)
+    for now in range(1000, 4001, 50):
+        playing.step(connection, None, now * MS)
+    assert connection.followed[1:] == [CANCEL] * 7
+    assert playing.view.reason == "the robot is lost; the robot does not confirm that it stopped"
+    playing.on_status(followed._replace(state=TrajectoryState.ABORTED))
+    playing.step(connection, None, 4050 * MS)
+    assert playing.view.reason == "the robot is lost"
+
+
+def test_what_the_robot_never_answered_is_cancelled_for_two_seconds_and_when_it_answers_late(
+    playing: SequencePlayback, connection: Any
+) -> None:
+    playing.step(connection, at(0), 0)
+    playing.break_off(connection, "ann is gone", 0)
+    for now in range(0, 9000, 50):
+        playing.step(connection, at(now), now * MS)
+    assert connection.followed[1:] == [CANCEL] * 5
+    assert playing.view.reason == "ann is gone; the robot does not confirm that it stopped"
+    playing.on_status(status(connection, TrajectoryState.FOLLOWED))
+    playing.step(connection, at(9000), 9 * S)
+    assert connection.followed[1:] == [CANCEL] * 6
+
+
 def test_one_that_is_broken_off_before_it_began_has_failed(
     playing: SequencePlayback, connection: Any, replies: Any
 ) -> None:
-    playing.break_off(connection, "ann pressed stop")
+    playing.break_off(connection, "ann pressed stop", 0)
     assert not connection.followed
     assert replies == [(False, "sequence one: broken off: ann pressed stop")]
 
@@ -148,6 +202,8 @@ def test_one_that_is_broken_off_before_it_began_has_failed(
         ("segments: [{duration: 1}]" + 65_536 * " ", "longer than 64 KiB"),
         ("[" * 500, "nested too deeply"),
         ("!!python/object/apply:os.system ['true']", "is not YAML"),
+        (f"segments: [{{duration: 0x{'f' * 6000}}}]", "a number has at most 64 characters"),
+        ("a: &a [1]\nb: [*a, *a]", "an alias"),
     ],
 )
 def test_what_is_no_sequence_is_refused_with_why(text: str, why: str) -> None:

@@ -4,12 +4,18 @@
 import signal
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from segway_ecc.deploy.station import requests
+from segway_ecc.deploy.station import station as station_module
+from segway_ecc.deploy.station.ros_bridge import MODE_TYPE
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import Act, Command
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.runtime import ros_node
 from tests.deploy.station.operated_station import PATIENCE_S, Operated
 
 over_ros = pytest.mark.ros
@@ -89,6 +95,27 @@ def test_a_stop_is_confirmed_by_the_drive_and_latched(operated: Operated, fake_r
 
 
 @over_ros
+def test_stop_pressed_before_a_restart_is_delivered_to_a_robot_that_is_found_later(
+    ros_domain: None,  # noqa: ARG001 - the domain is set first
+    tmp_path: Path,
+    fake_robots: Any,
+) -> None:
+    with Station("base 1", folder=tmp_path) as station:
+        accepted, text = Operated(station).submit("ann", Act.STOP, robot="/r1")()
+        assert not accepted
+        assert text.startswith("no robot is found in this namespace")
+        assert Operated(station).wait_for("/r1", lambda robot: robot.stop_kept).stop == "requested"
+    with Station("base 1", folder=tmp_path) as station:
+        operated = Operated(station)
+        operated.wait_for("/r1", lambda robot: robot.stop == "requested")
+        robots = fake_robots("/r1")
+        stopped = operated.wait_for("/r1", lambda robot: robot.stop == "confirmed")
+        assert (stopped.mode, stopped.drives) == ("FAULT", "off")
+        assert "stop" in [received[0] for received in robots.ask("/r1", **HEARD)]
+        operated.wait_for("/r1", lambda robot: not robot.stop_kept)
+
+
+@over_ros
 def test_stop_that_drive_ignores_fails_despite_service_answer(operated: Operated, fake_robots: Any) -> None:
     robots = fake_robots("/a")
     armed(operated)
@@ -147,7 +174,10 @@ def test_driving_ends_in_zeros_and_then_silence(operated: Operated, fake_robots:
 
 
 @over_ros
-def test_a_sequence_is_played_and_broken_off_when_its_operator_leaves(operated: Operated, fake_robots: Any) -> None:
+def test_a_sequence_is_played_and_broken_off_when_its_operator_leaves(
+    operated: Operated, fake_robots: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(requests, "WITHIN_NS", 40_000_000_000)  # a busy machine answers late
     robots = fake_robots("/a")
     armed(operated)
     assert operated.submit("ann", Act.PLAY, text=SEQUENCE)() == (True, "one is being played")
@@ -206,6 +236,29 @@ def test_shared_namespace_is_logged(operated: Operated, fake_robots: Any) -> Non
     while not any("2 robots share this namespace" in text for text in operated.texts()):
         assert time.monotonic() < deadline
         time.sleep(0.05)
+    while not any("more than one node publishes mode" in text for text in operated.texts()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    accepted, text = operated.submit("ann", Act.STOP)()
+    assert not accepted
+    assert "by one of several nodes that publish mode" in text
+
+
+@over_ros
+def test_stop_reaches_robot_beside_a_node_that_only_publishes_its_mode(ros_domain: None, fake_robots: Any) -> None:  # noqa: ARG001 - the domain is set first
+    with ros_node("another", "/a") as node:
+        node.create_publisher(message_type(MODE_TYPE), "mode", 1)
+        fake_robots("/a")
+        with Station("base 1") as station:
+            operated = Operated(station)
+            deadline = time.monotonic() + PATIENCE_S
+            while not any("another publishes mode" in text for text in operated.texts("/a")):
+                assert time.monotonic() < deadline, operated.texts()
+                time.sleep(0.05)
+            armed(operated)
+            accepted, text = operated.submit("ann", Act.STOP)()
+            assert accepted, text
+            assert text.endswith("drives off; stop was pressed")
 
 
 def test_what_is_asked_of_a_station_is_bounded_and_all_of_it_is_answered(replies: Any) -> None:
@@ -231,3 +284,38 @@ def test_station_failure_is_logged_once_and_ends_nothing(caplog: pytest.LogCaptu
     assert [event.text for event in station.events(0)] == ["the station failed: KeyError: '/a'"]
     assert len(caplog.records) == 1
     station.close()
+
+
+def test_sequence_that_makes_reading_fail_is_answered(monkeypatch: pytest.MonkeyPatch, replies: Any) -> None:
+    def failing(*_: object) -> None:
+        raise KeyError("x" * 10_000)
+
+    monkeypatch.setattr(station_module, "read_sequence", failing)
+    station = Station("base")
+    station.submit("ann", Command(id=1, robot="/a", act=Act.PLAY, text=SEQUENCE), replies)
+    station._readers.shutdown()
+    submitted = station._commands[0]
+    assert not isinstance(submitted, str)
+    assert str(submitted.manoeuvre).startswith("the station failed to read it: KeyError: 'xxx")
+    assert len(str(submitted.manoeuvre)) == 500
+    station.close()
+    assert len(replies) == 1
+
+
+def test_robot_whose_messages_make_reading_fail_keeps_no_stop_from_being_sent_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def failing(**_: object) -> None:
+        raise KeyError("/b")
+
+    station = Station("base")
+    monkeypatch.setattr(station._bridge, "poll", failing)
+    replies: list[tuple[bool, str]] = []
+    station.submit("ann", Command(id=1, robot="/r1", act=Act.STOP), lambda *outcome: replies.append(outcome))
+    monkeypatch.setattr(requests, "WITHIN_NS", -1)
+    station._carry_out()
+    station._step(is_tick=False)
+    station.close()
+    assert len(replies) == 1
+    assert replies[0][1].startswith("no robot is found")
+    assert "the station failed: KeyError: '/b'" in [event.text for event in station.events(0)]

@@ -68,6 +68,11 @@ class Operator(Operated):
         robot = self.station._handler.fleet.robots.get(name)
         return robot is not None and robot.mode.station == station
 
+    def is_introduced(self, name: str) -> bool:
+        """Whether the robot relies on our heartbeats."""
+        robot = self.station._handler.fleet.robots.get(name)
+        return robot is not None and robot.mode.station == "base 1" and robot.mode.is_introduced
+
 
 class Robots(NamedTuple):
     """Starts robots; those with a plant leave a trace of what their motors give."""
@@ -135,6 +140,7 @@ def test_the_cart_is_found_armed_driven_and_stopped(robots: Robots, operator: Op
 
     assert operator.ask(CART, Act.ARM) == (True, "ARMED: asked to arm")
     operator.drive_until(CART, 0.5, lambda robot: robot.mode == "ARMED" and (robot.linear_velocity or 0.0) > 0.4)
+    operator.drive_until(CART, 0.5, lambda robot: operator.is_introduced(robot.robot))
     accepted, text = operator.ask(CART, Act.STOP)
     assert accepted, text
     assert text.startswith("stopped after ")
@@ -150,7 +156,7 @@ def test_the_cart_is_found_armed_driven_and_stopped(robots: Robots, operator: Op
 def test_the_cart_holds_and_disarms_by_itself_when_its_station_is_killed(
     robots: Robots, onlooker: Operator, other_station: "subprocess.Popen[bytes]"
 ) -> None:
-    robots.start("cart", CART, "{timeout_s: 1.0, disarm_after_s: 3.0}")
+    robots.start("cart", CART, f"{{timeout_s: 1.0, disarm_after_s: 3.0, names: [{OTHER}]}}")
     onlooker.wait_for(CART, lambda robot: robot.is_alive)
     assert onlooker.ask(CART, Act.ARM)[0]
     onlooker.drive_until(CART, 0.5, lambda robot: (robot.linear_velocity or 0.0) > 0.4)
@@ -168,7 +174,8 @@ def test_the_segway_holds_sits_down_and_disarms_by_itself_when_its_station_is_ki
     robots: Robots, onlooker: Operator, other_station: "subprocess.Popen[bytes]"
 ) -> None:
     """That it stands while it holds is seen in lock step (test_lost_segway.py): on a busy machine it may fall here."""
-    station = "{timeout_s: 1.0, sit_down_after_s: 2.0, sit_down: {stand: 0.0}, disarm_after_s: 7.0}"
+    times = "timeout_s: 1.0, sit_down_after_s: 2.0, sit_down: {stand: 0.0}, disarm_after_s: 7.0"
+    station = f"{{{times}, names: [{OTHER}]}}"
     robots.start("segway", SEGWAY, station, plant=True)
     onlooker.wait_for(SEGWAY, lambda robot: robot.is_alive and robot.can_stand)
     onlooker.stand_up(SEGWAY)

@@ -12,7 +12,6 @@ SegwayEcc = Callable[..., Outcome]
     ("words", "code", "message"),
     [
         (["cart", "--rate", "0"], 2, "--rate is more than 0 and at most 100 MB/s"),
-        (["cart", "--rate", "nan"], 2, "--rate is more than 0 and at most 100 MB/s"),
         (["cart", "--rate", "101"], 2, "--rate is more than 0 and at most 100 MB/s"),
         (["nowhere.yaml"], 2, "cannot read robot file 'nowhere.yaml'"),
     ],

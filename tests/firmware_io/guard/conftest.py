@@ -26,14 +26,29 @@ class Beats:
     """Heartbeats without a socket."""
 
     waiting: list[bool] = field(default_factory=list)
+    answered: list[str] = field(default_factory=list)
     is_cut: bool = False
+    has_guard: bool = True
+    needs_guard: bool = False
+    stops: str = ""
+    unread: list[str] = field(default_factory=list)
 
     def beat(self, *, is_on: bool) -> None:
+        if self.unread:
+            self.stops = max(self.unread)  # a text, where there is any
+            self.unread.clear()
         if not self.is_cut:
             self.waiting.append(is_on)
 
     def open(self) -> None:
         self.waiting.clear()
+
+    def pause(self) -> None:
+        pass
+
+    def answer(self, stops: str) -> None:
+        self.answered.append(stops)
+        self.unread.append(stops)
 
     def take_heartbeats(self) -> Iterator[bool]:
         while self.waiting:
@@ -54,10 +69,9 @@ class Guarded:
         self,
         robot: str,
         *,
-        beats: bool = True,
         period_ms: int = 10,
         wrap: Callable[[Link], Link] | None = None,
-        wrap_ears: Callable[[Link], Link] | None = None,
+        wrap_guard: Callable[[Link], Link] | None = None,
     ) -> None:
         file = load_robot(robot)
         assert not isinstance(file.hardware, NoHardwareSection)
@@ -70,20 +84,18 @@ class Guarded:
         assert isinstance(built, Assembly)
         self.robot = built
         self.beats = Beats()
-        if beats:
-            built._heartbeat = self.beats
+        built._gate._owner = self.beats
         self.moments: list[tuple[int, tuple[float, ...]]] = []
-        self.voice = self.rig.bus.attach("voice")
-        ears = self.rig.bus.attach("ears")
-        self.guard = self.new_guard(ears if wrap_ears is None else wrap_ears(ears))
+        self.guard_link = self.rig.bus.attach("guard")
+        self.guard = self.new_guard(self.guard_link if wrap_guard is None else wrap_guard(self.guard_link))
         self.is_watched = True
         self.rig.attach(self.plant, self._observe)
         self.period_ns = period_ms * MS
         self._next_ns = self.period_ns
 
-    def new_guard(self, ears: Link) -> Guard:
+    def new_guard(self, link: Link) -> Guard:
         self.watch = Watch(stopper_of(self.settings), self.rig.now_ns())
-        return Guard(ears, self.voice, self.beats, self.watch, self.rig)
+        return Guard(link, self.beats, self.watch, self.rig)
 
     def _observe(self, _wall_ns: int, _outputs: object) -> None:
         self.moments.append((self.rig.now_ns(), tuple(self.plant.inputs)))

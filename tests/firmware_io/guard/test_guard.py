@@ -63,12 +63,12 @@ class Bench:
     def __init__(self, make_beats: Callable[[], Any]) -> None:
         self.now_ms = 0
         self.journal: list[str] = []
-        self.ears, self.voice = Wire(self.journal, "ears"), Wire(self.journal, "voice")
+        self.wire = Wire(self.journal, "bus")
         self.beats = make_beats()
         self.watch = Watch(Board(), 0)
         self.slept: list[int] = []
         self.passes = 5
-        self.guard = Guard(self.ears, self.voice, self.beats, self.watch, self)
+        self.guard = Guard(self.wire, self.beats, self.watch, self)
 
     def now_ns(self) -> int:
         return self.now_ms * MS
@@ -89,7 +89,7 @@ class Bench:
             self.guard.step()
 
     def say(self, meaning: Meaning) -> None:
-        self.ears.arriving.append([Frame(1, str(meaning).encode(), self.now_ms * MS)])
+        self.wire.arriving.append([Frame(1, str(meaning).encode(), self.now_ms * MS)])
 
 
 @pytest.fixture
@@ -97,25 +97,98 @@ def bench(guarded: Any) -> Bench:
     return Bench(lambda: guarded("cart-can").beats)
 
 
-def test_it_listens_with_one_link_and_speaks_with_the_other(bench: Bench) -> None:
+def test_it_stops_the_drives_over_the_link_that_it_listens_on(bench: Bench) -> None:
     bench.say(Meaning.MOVE)
     bench.pass_(31)
 
-    assert bench.voice.sent == [STOP]
-    assert bench.ears.sent == []
+    assert bench.wire.sent == [STOP]
+
+
+def test_it_answers_each_pass_before_it_sends(bench: Bench) -> None:
+    bench.say(Meaning.MOVE)
+
+    def send(frame: Frame) -> bool:
+        bench.beats.answered.append(f"sent {frame.data.decode()}")
+        return True
+
+    bench.wire.send = send  # type: ignore[method-assign]
+    bench.pass_(31)
+
+    assert set(bench.beats.answered[:-2]) == {""}
+    assert bench.beats.answered[-2:] == ["the node's heartbeats stopped", "sent stop"]
+
+
+def test_heartbeats_are_taken_after_the_frames_that_they_precede(bench: Bench) -> None:
+    """A node that arms sends its heartbeat first: what is there with the first command that moves is no stranger."""
+    for _ in range(50):
+        bench.beats.beat(is_on=False)
+        bench.pass_()
+    frames = bench.wire.receive
+
+    def receive() -> list[Frame]:
+        found = frames()
+        if found:
+            bench.beats.beat(is_on=True)
+        return found
+
+    bench.wire.receive = receive  # type: ignore[method-assign]
+    bench.say(Meaning.MOVE)
+    bench.pass_()
+
+    assert bench.watch.strange == 0
+
+
+def test_interventions_in_a_row_are_logged_once_a_second(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(100):
+        bench.say(Meaning.DISABLE)
+        bench.pass_()
+        bench.beats.beat(is_on=True)
+        bench.pass_(33)
+        bench.say(Meaning.OFF)
+        bench.pass_(8)
+
+    assert bench.watch.intervened == 100
+    assert len([text for text in caplog.messages if text.startswith("stopping")]) == 5
+    assert len([text for text in caplog.messages if text.startswith("stopped")]) == 5
+
+
+def test_an_intervention_a_second_after_the_last_is_logged(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(2):
+        bench.beats.beat(is_on=True)
+        bench.pass_(40)
+        bench.say(Meaning.OFF)
+        bench.pass_(960)
+
+    assert [text.split()[0] for text in caplog.messages] == ["stopping", "stopped"] * 2
+
+
+def test_passes_are_quicker_while_the_drives_are_being_stopped(bench: Bench) -> None:
+    bench.say(Meaning.MOVE)
+    bench.passes = 20
+    bench.guard.run()
+
+    assert bench.slept == [2 * MS] * 16 + [MS // 2] * 4
+
+
+def test_strange_commands_without_end_are_one_message(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(300):
+        bench.say(Meaning.MOVE)
+        bench.pass_(10)
+
+    assert caplog.messages == ["stopping the drives: the node's heartbeats stopped"]
 
 
 def test_intervention_is_logged_once(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     bench.say(Meaning.MOVE)
     bench.pass_(33)
-    assert caplog.messages == []
+    assert caplog.messages == ["stopping the drives: the node's heartbeats stopped"]
     bench.say(Meaning.OFF)
     bench.pass_(100)
 
-    (message,) = caplog.messages
+    (_, message) = caplog.messages
     assert message == (
-        "stopped the drives: commands stopped; 31.0 ms after the last command, 1 frames over 0 ms, "
+        "stopped the drives: the node's heartbeats stopped; no heartbeat was ever received, 1 frames over 0 ms, "
         "until the drives report off"
     )
 
@@ -125,56 +198,50 @@ def test_it_takes_heartbeats(bench: Bench) -> None:
     for _ in range(100):
         bench.beats.beat(is_on=True)
         bench.pass_()
-    assert bench.voice.sent == []
+    assert bench.wire.sent == []
     assert bench.watch.heartbeats == 100
     bench.beats.beat(is_on=False)
     bench.pass_(50)
 
-    assert bench.voice.sent == []
+    assert bench.wire.sent == []
 
 
 def test_it_takes_all_that_has_piled_up_before_it_judges(bench: Bench) -> None:
-    bench.ears.arriving = [[Frame(1, b"move", 1 * MS)] for _ in range(10)] + [[Frame(1, b"disable", 2 * MS)]]
+    bench.wire.arriving = [[Frame(1, b"move", 1 * MS)] for _ in range(10)] + [[Frame(1, b"disable", 2 * MS)]]
     bench.pass_(100)
 
-    assert bench.voice.sent == []
+    assert bench.wire.sent == []
     assert bench.watch.commands == 11
 
 
 def test_a_bus_that_never_falls_quiet_does_not_hold_a_pass_up(bench: Bench) -> None:
-    bench.ears.arriving = [[Frame(1, b"zero", 1 * MS)] for _ in range(1_000)]
+    bench.wire.arriving = [[Frame(1, b"zero", 1 * MS)] for _ in range(1_000)]
     bench.pass_()
 
-    assert bench.ears.received == 20
-
-
-def test_it_drains_the_link_that_it_speaks_on(bench: Bench) -> None:
-    bench.voice.arriving = [[Frame(1, b"move")]] * 5
-    bench.pass_(10)
-
-    assert bench.voice.arriving == []
-    assert bench.watch.commands == 0
+    assert bench.wire.received == 20
 
 
 def test_lost_bus_is_logged_once_and_recovers(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     bench.say(Meaning.MOVE)
     bench.pass_(10)
-    bench.ears.is_gone = bench.voice.is_gone = True
+    bench.wire.is_gone = True
+    bench.beats.answered.clear()
     bench.pass_(100)
-    assert bench.voice.sent == []
-    bench.ears.is_gone = bench.voice.is_gone = False
+    assert bench.beats.answered == [""] * 100
+    assert bench.wire.sent == []
+    bench.wire.is_gone = False
     bench.pass_(30)
-    assert bench.voice.sent == []
+    assert bench.wire.sent == []
     bench.pass_()
 
-    assert bench.voice.sent == [STOP]
+    assert bench.wire.sent == [STOP]
     assert caplog.messages[:2] == [
-        "ears is gone: nothing is guarded until it is back",
-        "ears is back, and guarded",
+        "bus is gone: nothing is guarded until it is back",
+        "bus is back, and guarded",
     ]
     bench.pass_(100)
-    assert len(caplog.messages) == 2
+    assert caplog.messages[2:] == ["stopping the drives: the node's heartbeats stopped"]
 
 
 def test_it_runs_until_it_is_stopped_and_closes_everything(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
@@ -182,8 +249,8 @@ def test_it_runs_until_it_is_stopped_and_closes_everything(bench: Bench, caplog:
     bench.guard.run()
 
     assert bench.slept == [2 * MS] * 5
-    assert bench.journal == ["open ears", "open voice", "close voice", "close ears"]
-    assert caplog.messages == ["guard on ears"]
+    assert bench.journal == ["open bus", "close bus"]
+    assert caplog.messages == ["guard on bus"]
 
 
 @pytest.mark.parametrize(("passes", "sent"), [(15, []), (17, [STOP])])
@@ -193,30 +260,30 @@ def test_it_guards_from_when_it_runs_and_not_from_before(bench: Bench, passes: i
     bench.passes = passes  # of 2 ms, the last of them not looked after; the limit is 30 ms
     bench.guard.run()
 
-    assert bench.voice.sent == sent
+    assert bench.wire.sent == sent
 
 
 def test_a_bus_that_is_not_there_ends_it(bench: Bench) -> None:
     def fail() -> None:
         raise BusNotFoundError("no bus")
 
-    bench.voice.open = fail  # type: ignore[method-assign]
+    bench.wire.open = fail  # type: ignore[method-assign]
     with pytest.raises(BusNotFoundError):
         bench.guard.run()
 
-    assert bench.journal == ["open ears", "close voice", "close ears"]
+    assert bench.journal == ["close bus"]
 
 
 @pytest.mark.parametrize(
     ("last_ns", "text"),
     [
-        (None, "no command was ever received"),
-        (1_000 * MS, "32.5 ms after the last command"),
+        (None, "no heartbeat was ever received"),
+        (1_000 * MS, "32.5 ms after the last heartbeat"),
     ],
 )
 def test_intervention_is_described_in_one_line(last_ns: int | None, text: str) -> None:
     done = Intervention(Cause.SILENCE, last_ns, 1_032_500_000, 1_062_500_000, 8, End.TIME)
 
     assert describe(done) == (
-        f"stopped the drives: commands stopped; {text}, 8 frames over 30 ms, until the time for it is over"
+        f"stopped the drives: the node's heartbeats stopped; {text}, 8 frames over 30 ms, until the time for it is over"
     )

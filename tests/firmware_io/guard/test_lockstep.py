@@ -71,7 +71,7 @@ def test_start_drive_disarm_and_stop_go_undisturbed(guarded: Any, robot: str) ->
     g.wait(1_000)
 
     assert g.watch.intervened == 0
-    assert g.voice.counters.sent == 0
+    assert g.guard_link.counters.sent == 0
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -113,7 +113,7 @@ def test_a_guard_that_comes_late_finds_its_way_in(guarded: Any, robot: str) -> N
     g.is_watched = False
     g.arm()
     g.drive(50)
-    g.guard = g.new_guard(g.rig.bus.attach("late ears"))
+    g.guard = g.new_guard(g.rig.bus.attach("late guard"))
     g.is_watched = True
     g.drive(50)
     assert g.watch.intervened == 0
@@ -154,25 +154,136 @@ def test_a_node_that_restarts_drives_again(guarded: Any, robot: str) -> None:
     assert g.watch.intervened == 1
 
 
-@pytest.mark.parametrize("robot", ["cart-can"])
-def test_a_node_that_was_stopped_and_goes_on_moves_nothing(guarded: Any, robot: str) -> None:
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_node_that_was_stopped_and_goes_on_begins_with_zeros(guarded: Any, robot: str) -> None:
     g = guarded(robot)
+    g.arm()
+    g.drive(20)
+    g.wait(500)
+    g.moments.clear()
+    witness = g.rig.bus.attach("witness")
+    sensors = g.robot.exchange((1.0, 1.0))
+    g.wait(50)
+    stopper = stopper_of(g.settings)
+    found = [observed.meaning for frame in witness.receive() if (observed := stopper.read(frame)) is not None]
+
+    assert sensors.faults[:2] == (
+        "the guard stopped the drives: the node's heartbeats stopped",
+        "this node sent no command for 500 ms",
+    )
+    assert Meaning.MOVE not in found
+    assert not any(any(abs(value) > 1e-3 for value in given) for _, given in g.moments)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_without_a_guard_too_and_the_reason_names_the_drives(guarded: Any, robot: str) -> None:
+    g = guarded(robot)
+    g.is_watched = False
+    g.arm()
+    g.drive(20)
+    g.wait(200)
+    sensors = g.robot.exchange((1.0, 1.0))
+
+    assert sensors.faults[0] == "this node sent no command for 200 ms"
+    if robot == "cart-can":
+        assert sensors.faults[1:] == ("the wheel board switched its motors off: WATCHDOG",)
+    assert all(not drive.is_enabled for drive in g.robot._drives)
+
+
+def test_a_stopped_node_s_old_command_is_answered_at_once(guarded: Any) -> None:
+    """Should a frame have left between the look at the clock and the stop: the guard is there too."""
+    g = guarded("cart-can")
     g.arm()
     g.drive(20)
     g.kill()
     g.wait(500)
-    g.bus.fault = None
+    g.bus.fault, g.beats.is_cut = None, False
     g.moments.clear()
-    # As after SIGCONT: the first exchange still sends the old command.
-    g.robot._drives[0]._endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(1.0, 1.0, enable=True))
-    g.wait(5)
-    g.robot._drives[0]._endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(1.0, 1.0, enable=True))
-    g.wait(50)
+    for _ in range(2):
+        g.beats.beat(is_on=True)
+        g.robot._drives[0]._endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(1.0, 1.0, enable=True))
+        g.wait(5)
+    g.wait(30)
 
     # The guard's frames have moved the board's counter on, so that it refuses even the first of these.
     assert not any(any(given) for _, given in g.moments)
     assert [done.cause for done in g.watch.interventions] == [Cause.SILENCE, Cause.DEFIANCE]
     assert not g.gives_torque
+
+
+def record(g: Any, cycles: int) -> list[tuple[int, Frame]]:
+    """What the node sends in so many cycles, with when it came."""
+    recorder = g.rig.bus.attach("recorder")
+    g.drive(cycles)
+    ids = {(key.arbitration_id, key.is_extended) for drive in g.robot._drives for key in drive.commanded_by}
+    frames = [frame for frame in recorder.receive() if (frame.arbitration_id, frame.is_extended) in ids]
+    return [(frame.received_ns, frame) for frame in frames]
+
+
+def play(g: Any, recording: list[tuple[int, Frame]]) -> None:
+    player, began_ns = g.rig.bus.attach("player"), g.rig.now_ns()
+    for at_ns, frame in recording:
+        g.rig.sleep_until_ns(began_ns + at_ns - recording[0][0])
+        player.send(frame)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_recording_keeps_no_drive_on_when_the_node_is_dead(guarded: Any, robot: str) -> None:
+    """The drives tick every 5 ms here, and the guard with them, so that its answer may take as long."""
+    g = guarded(robot)
+    g.arm()
+    recording = record(g, 150)
+    g.kill()
+    killed_ns = g.rig.now_ns()
+    play(g, recording)
+    g.wait(50)
+    after = [abs(given[0]) for at_ns, given in g.moments if at_ns > killed_ns + 50 * MS]
+
+    assert g.watch.strange > 50
+    assert g.watch.intervened == 1
+    assert not g.gives_torque
+    # A VESC takes every current: each of the recording's is answered, and acts until then.
+    assert sum(after) / len(after) < (0.15 if robot == "cart-vesc" else 1e-9)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_recording_that_arms_keeps_no_drive_on_when_the_node_is_dead(guarded: Any, robot: str) -> None:
+    g = guarded(robot)
+    g.robot.open()
+    while g._arming_failures():
+        g.cycle((0.0, 0.0))
+    g.robot.arm()
+    recording = record(g, 100)
+    g.kill()
+    g.wait(500)
+    g.moments.clear()
+    play(g, recording)
+    g.wait(50)
+    given = [abs(values[0]) for _, values in g.moments]
+
+    assert len(given) > 100
+    assert sum(given) / len(given) < (0.15 if robot == "cart-vesc" else 0.02)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_frames_of_another_are_a_fault_in_the_same_exchange(guarded: Any, robot: str) -> None:
+    g = guarded(robot)
+    g.arm()
+    recording = record(g, 1)
+    g.drive(20)
+    player = g.rig.bus.attach("player")
+    player.send(recording[-1][1])
+    sensors = g.cycle()
+
+    (reason, *_) = sensors.faults
+    assert reason.startswith(f"command frames that this node did not send, 0x{recording[-1][1].arbitration_id:X} (1): ")
+    assert all(not drive.is_enabled for drive in g.robot._drives)
+    g.robot.disarm()
+    assert [text for text in g.robot.arming_failures() if text.startswith("another controller")]
+    for _ in range(120):
+        g.cycle()
+
+    assert not [text for text in g.robot.arming_failures() if text.startswith("another controller")]
 
 
 @pytest.mark.parametrize("deaf", range(17))

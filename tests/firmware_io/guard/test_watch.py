@@ -4,7 +4,6 @@
 from collections.abc import Sequence
 
 import pytest
-from msgspec.structs import replace
 
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.guard.watch import Cause, End, Watch
@@ -51,8 +50,13 @@ class Bench:
             if frames:
                 self.sent.append((self.now_ms, frames))
 
+    def beat(self, *, is_on: bool = True) -> None:
+        self.watch.beat(self.now_ms * MS, is_on=is_on)
+
     def drive(self, ms: int, meaning: Meaning = MOVE) -> None:
+        """The node lives, and commands every 10 ms."""
         for _ in range(ms // 10):
+            self.beat(is_on=meaning is MOVE)
             self.say(meaning)
             self.wait(10)
 
@@ -70,13 +74,13 @@ def ends(bench: Bench) -> list[End]:
     return [done.end for done in bench.watch.interventions if done.end is not None]
 
 
-def test_nothing_is_sent_while_commands_come(bench: Bench) -> None:
+def test_nothing_is_sent_while_the_node_lives(bench: Bench) -> None:
     bench.drive(500)
     bench.say(ON)
     bench.drive(500)
 
     assert bench.sent == []
-    assert bench.watch.commands == 200
+    assert (bench.watch.commands, bench.watch.heartbeats, bench.watch.strange) == (200, 100, 0)
     assert bench.watch.longest_gap_ns == 10 * MS
 
 
@@ -116,7 +120,7 @@ def test_commands_that_stop_are_followed_by_stop_frames_until_the_drives_are_off
     (done,) = bench.watch.interventions
     assert bench.watch.intervened == 1
     assert (done.cause, done.end, done.frames) == (Cause.SILENCE, End.OFF, 6)
-    assert (done.last_command_ns, done.first_ns, done.last_ns) == (1_090 * MS, 1_121 * MS, 1_141 * MS)
+    assert (done.last_alive_ns, done.first_ns, done.last_ns) == (1_090 * MS, 1_121 * MS, 1_141 * MS)
 
 
 def test_a_report_that_a_command_to_move_has_followed_does_not_end_it(bench: Bench) -> None:
@@ -219,7 +223,7 @@ def test_a_drive_that_is_on_and_never_commanded_is_stopped_after_the_limit(bench
     bench.wait(31)
 
     assert bench.times == [1_031]
-    assert bench.watch.interventions[0].last_command_ns is None
+    assert bench.watch.interventions[0].last_alive_ns is None
 
 
 def test_drives_that_switched_themselves_off_are_left_alone(bench: Bench) -> None:
@@ -269,6 +273,8 @@ def test_report_at_the_time_of_the_first_stop_frame_counts(meaning: Meaning, end
     bench = Bench(reports=reports)
     bench.drive(100)
     bench.wait(21)
+    if meaning is MOVE:
+        bench.beat()
     bench.say(meaning)
     bench.wait(1)
 
@@ -276,75 +282,98 @@ def test_report_at_the_time_of_the_first_stop_frame_counts(meaning: Meaning, end
     assert ends(bench) == [end]
 
 
-def test_one_drive_whose_commands_stop_stops_both(bench: Bench) -> None:
+def test_commands_keep_nothing_alive(bench: Bench) -> None:
+    """A recording of the node's commands goes on when the node is dead."""
     bench.drive(100)
-    for _ in range(10):
-        bench.say(MOVE, "left")
+    for _ in range(100):
+        bench.say(MOVE)
         bench.wait(10)
 
     assert bench.times[0] == 1_121
-    assert bench.watch.interventions[0].last_command_ns == 1_120 * MS
+    assert bench.watch.interventions[0].last_alive_ns == 1_090 * MS
 
 
-def test_our_own_frames_are_no_sign_of_the_node(bench: Bench) -> None:
-    own = [replace(frame, received_ns=1_122 * MS) for frame in (Frame(0x51, b"left move"), Frame(0x52, b"right zero"))]
-    bench.watch._stopper.stop = lambda: [replace(f, received_ns=0) for f in own]  # type: ignore[method-assign]
-    bench.drive(100)
-    bench.wait(25)
-    for frame in own:
-        bench.watch.take_frame(frame)
-
-    assert bench.watch.commands == 20
-    bench.watch.take_frame(own[1])
-    assert bench.watch.commands == 21
-
-
-def test_as_many_equal_frames_as_we_sent_are_our_own(bench: Bench) -> None:
-    bench.watch._stopper.stop = lambda: [Frame(1, b"left zero")] * 2  # type: ignore[method-assign]
-    bench.drive(100)
-    bench.wait(25)
-    commands = []
-    for _ in range(3):
-        bench.say(ZERO, "left")
-        commands.append(bench.watch.commands)
-
-    assert commands == [20, 20, 21]
-
-
-def test_frames_of_ours_that_never_come_back_are_forgotten(bench: Bench) -> None:
-    bench.watch._stopper.stop = lambda: [Frame(1, b"left zero")] * 2  # type: ignore[method-assign]
+@pytest.mark.parametrize("reports", [True, False])
+def test_every_strange_command_is_answered_at_once_in_one_intervention(*, reports: bool) -> None:
+    bench = Bench(reports=reports)
     bench.drive(100)
     bench.wait(30)
     bench.say(OFF)
-    bench.wait(85)
-    bench.say(ZERO, "left")
-    assert bench.watch.commands == 20
-    bench.wait(10)
-    bench.say(ZERO, "left")
+    bench.wait(2_000)
+    bench.sent.clear()
+    for _ in range(200):
+        bench.say(MOVE, "left")
+        bench.wait(5)
+        bench.say(OFF)
+        bench.wait(2)
+    answered = [bench.now_ms - 7 * n - 6 for n in range(200)]
+    assert set(answered) <= set(bench.times)
+    assert bench.watch.intervened == 2
+    assert bench.watch.strange == 200
+    last = bench.watch.interventions[-1]
+    assert (last.cause, last.end) == (Cause.STRANGER, None)
+    bench.say(OFF)
+    bench.wait(1_200)
 
-    assert bench.watch.commands == 21
+    assert last.end is (End.OFF if reports else End.TIME)
 
 
-@pytest.mark.parametrize(("after_ns", "is_ours"), [(100 * MS, True), (100 * MS + 1, False)])
-def test_a_frame_of_ours_may_be_that_long_on_its_way(after_ns: int, *, is_ours: bool) -> None:
-    letters = Letters()
-    letters.stop = lambda: [Frame(1, b"left zero")]  # type: ignore[method-assign]
-    watch = Watch(letters, 0)
-    watch.take_frame(Frame(1, b"left move", 0))
-    for ms in (15, 30):
+def test_stop_frames_go_on_until_strange_commands_have_been_missing_for_a_while() -> None:
+    watch = Watch(Letters(), 0)
+    for ms in range(1, 1_001):
         watch.step(ms * MS)
-    assert watch.step(31 * MS)
-    watch.take_frame(Frame(1, b"left off", 32 * MS))
-    watch.take_frame(Frame(1, b"right off", 32 * MS))
-    watch.step(33 * MS)
-    watch.step(31 * MS + after_ns)
-    watch.take_frame(Frame(1, b"left zero", 31 * MS + after_ns))
+    watch.take_frame(Frame(1, b"left move", 1_000 * MS))
+    assert watch.step(1_000 * MS) == STOP
+    for name in ("left", "right"):
+        watch.take_frame(Frame(1, f"{name} off".encode(), 1_010 * MS))
+    for ms in range(1_001, 1_100):
+        watch.step(ms * MS)
+    watch.step(1_100 * MS)
+    assert watch.present is not None
+    watch.step(1_100 * MS + 1)
 
-    assert (watch.commands == 1) is is_ours
+    assert watch.present is None
+
+
+def test_commands_to_move_of_a_node_that_wants_none_are_strange(bench: Bench) -> None:
+    for _ in range(10):
+        bench.beat(is_on=False)
+        bench.say(MOVE, "right")
+        bench.wait(10)
+
+    # The guard has just begun to watch: for as long as the limit it takes what is commanded for the node's.
+    assert bench.times[0] == 1_041
+    assert bench.watch.interventions[0].cause is Cause.STRANGER
+
+
+def test_a_command_on_its_way_when_the_node_wants_the_motors_off_is_not_strange(bench: Bench) -> None:
+    bench.drive(100)
+    bench.beat(is_on=False)
+    bench.wait(30)
+    bench.say(MOVE, at_ms=1_120)
+    bench.say(DISABLE)
+    bench.wait(1)
+    assert bench.watch.strange == 0
+    bench.say(MOVE, at_ms=1_121)
+
+    assert bench.watch.strange == 2
+
+
+def test_a_guard_that_begins_while_the_robot_drives_learns_of_the_node_in_time(bench: Bench) -> None:
+    for _ in range(3):
+        bench.say(MOVE)
+        bench.wait(10)
+    bench.drive(500)
+
+    assert bench.sent == []
 
 
 def test_causes_and_ends_have_texts() -> None:
-    assert [*Cause] == ["commands stopped", "a stopped node commanded motion without a zero before"]
+    assert [*Cause] == [
+        "the node's heartbeats stopped",
+        "motion was commanded that the node did not want",
+        "a stopped node commanded motion without a zero before",
+    ]
     assert [*End] == ["the drives report off", "the node is back", "the time for it is over"]
 
 
@@ -369,6 +398,7 @@ def test_a_stopped_node_that_goes_on_commanding_is_stopped_at_once(bench: Bench)
     bench.say(OFF)
     bench.wait(5_000)
     bench.sent.clear()
+    bench.beat()
     bench.say(MOVE, "left")
     bench.wait(3)
     bench.say(MOVE, "left")
@@ -401,10 +431,9 @@ def test_where_drives_do_not_report_a_node_that_is_back_is_let_be() -> None:
     bench.drive(100)
     bench.say(OFF, at_ms=1_050)
     bench.wait(35)
-    bench.say(MOVE, "left")
-    bench.wait(10)
     assert not ends(bench)
-    bench.say(MOVE, "right")
+    bench.beat()
+    bench.say(MOVE)
     bench.wait(1)
     ended = len(bench.sent)
     bench.drive(300)
@@ -414,14 +443,14 @@ def test_where_drives_do_not_report_a_node_that_is_back_is_let_be() -> None:
     assert bench.watch.intervened == 1
 
 
-def test_heartbeats_stand_for_commands(bench: Bench) -> None:
+def test_heartbeats_alone_are_enough(bench: Bench) -> None:
     bench.drive(100)
     for _ in range(100):
         bench.watch.beat(bench.now_ms * MS, is_on=True)
         bench.wait(10)
 
     assert bench.sent == []
-    assert bench.watch.heartbeats == 100
+    assert bench.watch.heartbeats == 110
     bench.wait(100)
     assert bench.times[0] == 2_090 + 31
 
@@ -458,7 +487,7 @@ def test_a_guard_that_was_held_up_listens_again_before_it_judges(bench: Bench) -
 
     # Held up until 1301, it judges as if the last command had come half the limit before that, at 1286.
     assert bench.times == [1_317]
-    assert bench.watch.interventions[0].last_command_ns == 1_090 * MS
+    assert bench.watch.interventions[0].last_alive_ns == 1_090 * MS
 
 
 def test_a_pass_of_half_the_limit_is_no_hold_up(bench: Bench) -> None:
@@ -507,7 +536,7 @@ def test_interventions_are_all_counted_and_the_newest_kept(bench: Bench) -> None
 
 def test_the_limit_can_be_set() -> None:
     watch = Watch(Letters(), 0, 50 * MS)
-    watch.take_frame(Frame(1, b"left move", 0))
+    watch.beat(0, is_on=True)
     at_ms = next(ms for ms in range(200) if watch.step(ms * MS))
 
     assert at_ms == 51
@@ -515,7 +544,7 @@ def test_the_limit_can_be_set() -> None:
 
 def test_the_limit_itself_is_still_allowed() -> None:
     watch = Watch(Letters(), 0)
-    watch.take_frame(Frame(1, b"left move", 0))
+    watch.beat(0, is_on=True)
 
     assert watch.step(15 * MS) == ()
     assert watch.step(30 * MS) == ()

@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links import can_ports
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.can_ports import make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, LinkState
@@ -313,8 +314,7 @@ def test_only_error_frames_of_the_kernels_kind_are_understood(
 
 
 @pytest.mark.parametrize("interface", ["virtual", "local"])
-def test_our_own_frames_that_come_back_are_no_news(channel: str, interface: str) -> None:
-    """The real backends echo where they are told to; a bus on which somebody repeats us looks the same."""
+def test_a_frame_that_somebody_repeats_is_received(channel: str, interface: str) -> None:
     link = make_python_can_link(interface, channel, 500_000)
     link.open()
     with can.Bus(interface=interface, channel=channel) as mirror:
@@ -322,10 +322,25 @@ def test_our_own_frames_that_come_back_are_no_news(channel: str, interface: str)
         message = mirror.recv(PATIENCE_S)
         assert message is not None
         mirror.send(message)
-        mirror.send(can.Message(arbitration_id=0x111, data=b"end", is_extended_id=False))
-        assert [(f.arbitration_id, f.data) for f in _receive(link, 1)] == [(0x111, b"end")]
-    assert (link.counters.echoes, link.counters.received) == (1, 1)
+        assert [(f.arbitration_id, f.data) for f in _receive(link, 1)] == [(0x110, b"12")]
+    assert (link.counters.echoes, link.counters.received) == (0, 1)
     link.close()
+
+
+@pytest.mark.parametrize(("interface", "is_ours"), [("gs_usb", True), ("socketcan", False)])
+def test_a_frame_that_the_backend_marks_as_sent_is_ours(
+    monkeypatch: pytest.MonkeyPatch, interface: str, *, is_ours: bool
+) -> None:
+    """Of SocketCAN, python-can marks what any program of this machine sent; our own does not come back there."""
+    bus = FakeBus()
+    monkeypatch.setattr(can, "Bus", lambda **_: bus)
+    monkeypatch.setattr(can_ports, "check_socketcan", lambda *_: None)
+    link = make_python_can_link(interface, "here", 500_000)
+    link.open()
+    bus.arriving.append(can.Message(arbitration_id=0x110, data=b"1", is_extended_id=False, is_rx=False))
+
+    assert len(link.receive()) == (0 if is_ours else 1)
+    assert link.counters.echoes == (1 if is_ours else 0)
 
 
 def test_a_bus_that_does_not_shut_down_cleanly_is_closed_all_the_same(link: CanLink, bus: FakeBus) -> None:

@@ -25,7 +25,7 @@ from segway_ecc.firmware_io.links import serial_link
 from segway_ecc.firmware_io.links.link import Frame, LinkState
 from segway_ecc.firmware_io.links.serial_link import LOST, SerialLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.hil.pseudo_terminal import PtyPort
+from segway_ecc.hil.rig.simulated_serial import PtyPort
 
 COMMAND = Frame(0x110, b"\x00\x01\x02\xff\x00\xfe\x11\x13")
 LAST_ID = 0x7FF

@@ -7,9 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.run import run_scenario
-from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun, load_scenario
+from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioResult, ScenarioRun, load_scenario
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.faults.fault import Fault, Target, Type
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError

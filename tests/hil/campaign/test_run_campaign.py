@@ -5,9 +5,16 @@ from html.parser import HTMLParser
 
 import msgspec
 
-from segway_ecc.hil.campaign.result import ScenarioResult, details, table
 from segway_ecc.hil.campaign.run import render, run_campaign, runs_of
-from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun, load_scenario
+from segway_ecc.hil.campaign.scenario import (
+    Expectation,
+    Scenario,
+    ScenarioResult,
+    ScenarioRun,
+    details,
+    load_scenario,
+    table,
+)
 from segway_ecc.node.sequence.manoeuvre import Segment
 
 SEGMENTS = (Segment(linear=1.0, duration=1.05), Segment(linear=0.2, angular=1.0, duration=0.5))

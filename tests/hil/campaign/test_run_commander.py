@@ -7,8 +7,8 @@ import pytest
 
 from segway_ecc.hil.campaign.run import Commander
 from segway_ecc.hil.faults.fault import Fault, Injections, Type
-from segway_ecc.node.cycle.interfaces import Report
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.cycle.interfaces import Inbox, Report
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 CYCLE_MS = 50
@@ -66,3 +66,42 @@ def test_what_is_garbage_is_never_finite() -> None:
     rows = arrived("garbage")
     assert all(not math.isfinite(value) for row in rows[6:12] for value in row)
     assert [len(row) for row in rows] == [len(row) for row in expected({})]
+
+
+def inboxes(*faults: Fault) -> list[Inbox]:
+    """What arrives in each cycle of 50 ms; every request and write is refused, for the same reason."""
+    now = [0]
+    injections = Injections(faults, 0, lambda: now[0])
+    commander = Commander(MANOEUVRE, injections)
+    injections.timeline.start()
+    found = []
+    for cycle in range(20):
+        now[0] = cycle * CYCLE_MS * 1_000_000
+        found.append(commander.take_inbox())
+        for request in found[-1].requests:
+            request.answer(Answer(accepted=False, message="no"))
+        for write in found[-1].writes:
+            write.answer("no")
+    assert list(commander.refusals) == (["no"] if any(inbox.requests or inbox.writes for inbox in found) else [])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("kind", "asked"),
+    [("off", [Action.STOP]), ("wrong", [Action.DISARM]), ("stuck", [Action.CLEAR_FAULT, Action.ARM])],
+)
+def test_an_operator_asks_while_the_fault_is_there(kind: Type, asked: list[Action]) -> None:
+    found = inboxes(Fault(target="operator", type=kind, at_s=0.3, for_s=0.1))
+    assert [[request.action for request in inbox.requests] for inbox in found[5:9]] == [[], asked, asked, []]
+
+
+def test_a_parameter_is_written_while_the_fault_is_there() -> None:
+    found = inboxes(Fault(target="parameter", type="wrong", name="Track", amount=2.0, at_s=0.3, for_s=0.05))
+    assert [[write.values for write in inbox.writes] for inbox in found[5:8]] == [[], [[("Track", 2.0)]], []]
+
+
+def test_nothing_arrives_while_the_ros_process_is_lost() -> None:
+    lost = Fault(target="ros", type="off", at_s=0.3, for_s=0.3)
+    found = inboxes(lost, Fault(target="operator", type="off", at_s=0.5, for_s=0.2))
+    assert [bool(inbox.setpoints) for inbox in found] == [cycle % 2 == 0 and not 6 <= cycle < 12 for cycle in range(20)]
+    assert [cycle for cycle, inbox in enumerate(found) if inbox.requests] == [12, 13]

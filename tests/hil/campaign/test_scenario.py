@@ -40,7 +40,7 @@ def test_a_scenario_is_read(tmp_path: Path) -> None:
         ("at_s: 1.0", "at_s: 2.0", "a fault at 2 s comes after the segments' 2 s"),
         ("target: can", "target: serial", "a fault of the serial line needs fallback: true"),
         ("target: can", "target: clock", "clock cannot be off; it can be stuck, wrong, slow"),
-        ("outcome: faults", "outcome: explodes", "allowed is drives_on, faults, holds"),
+        ("outcome: faults", "outcome: explodes", "allowed is disarmed, drives_on, faults, holds"),
         ("outcome: faults", "outcome: faults, within_s: 0", "expect.within_s"),
         ("name: mine", "name: Not Mine", "name"),
         ("robot: cart-can", "robot: []", "robot"),
@@ -56,6 +56,52 @@ def test_an_error_is_reported_in_one_line(tmp_path: Path, old: str, new: str, me
     assert "\n" not in str(raised.value)
 
 
+CASES = TEXT.replace("type: off", "type: delayed").replace(
+    "expect: {outcome: faults}",
+    "expect: {outcome: drives_on}\ncases:\n  - {amount: 0.05, expect: {outcome: faults, reason: too old}}",
+)
+
+
+def test_a_case_is_the_scenario_with_another_amount_and_expectation(tmp_path: Path) -> None:
+    path = write(tmp_path, CASES)
+    (base, own), (source, case) = load_all([path])
+    assert (base, source) == (path, f"{path}@0.05")
+    assert (own.name, own.faults[0].amount, own.expect.outcome) == ("mine", None, "drives_on")
+    assert (case.name, case.faults[0].amount, case.expect.outcome) == ("mine@0.05", 0.05, "faults")
+    assert case.segments == own.segments
+    assert load_scenario(source) == case
+    assert load_scenario(path).name == "mine"
+    with pytest.raises(ConfigurationError, match=r"no scenario '.*@7'; .* has mine, mine@0\.05"):
+        load_scenario(f"{path}@7")
+
+
+def test_a_case_may_be_longer_or_at_another_time_and_of_the_first_of_several_faults(tmp_path: Path) -> None:
+    cases = "cases:\n  - {for_s: 0.25}\n  - {at_s: 0.125, expect: {outcome: holds}}"
+    text = TEXT.replace("at_s: 1.0}", "at_s: 1.0}, {target: disk, type: off, at_s: 1.0}")
+    scenarios = [scenario for _, scenario in load_all([write(tmp_path, f"{text.rstrip()}\n{cases}\n")])]
+    assert [scenario.name for scenario in scenarios] == ["mine", "mine@0.25", "mine@0.125"]
+    assert [scenario.faults[0].for_s for scenario in scenarios] == [None, 0.25, None]
+    assert [scenario.faults[0].at_s for scenario in scenarios] == [1.0, 1.0, 0.125]
+    assert len({scenario.faults[1:] for scenario in scenarios}) == 1
+    assert [scenario.expect.outcome for scenario in scenarios] == ["faults", "faults", "holds"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("amount: 0.05", "amount: 0", "amount must be from 0.001 to 60 (s), not 0"),
+        ("cases:\n", "cases:\n  - {amount: 0.05, expect: {outcome: holds}}\n", "different amounts of the first fault"),
+        ("amount: 0.05,", "amount: 0.05, for_s: 0.1,", "a case has one of amount, for_s and at_s"),
+        ("amount: 0.05,", "", "a case has one of amount, for_s and at_s"),
+        ("type: delayed", "type: wrong", "amount has no meaning where can is wrong"),
+    ],
+)
+def test_a_case_that_is_none_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(ConfigurationError) as raised:
+        load_scenario(write(tmp_path, CASES.replace(old, new)))
+    assert message in str(raised.value)
+
+
 def test_a_file_that_is_not_there_is_named_with_those_of_the_package(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"nowhere\.yaml': No such file .* the packaged ones are .*can-cut"):
         load_scenario(str(tmp_path / "nowhere.yaml"))
@@ -66,7 +112,7 @@ def test_a_file_that_is_not_there_is_named_with_those_of_the_package(tmp_path: P
 
 def test_every_scenario_of_the_package_is_sound() -> None:
     scenarios = dict(load_all([]))
-    assert list(scenarios) == packaged_scenarios()
+    assert [name for name in scenarios if "@" not in name] == packaged_scenarios()
     for name, scenario in scenarios.items():
         assert scenario.name == name
         assert scenario.about

@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: MIT
 """The CAN seat: in lock step, and in real time over the virtual bus."""
 
+import contextlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from segway_ecc.hil.case_study import can as can_seat
-from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat, RealTimeRunError, run_in_real_time
+from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat, run_in_real_time
 from segway_ecc.hil.case_study.seats import OfflineSeat, Repeats, SeatRun
 from segway_ecc.hil.case_study.study import LoopTiming, Seat, Trajectory
-from segway_ecc.hil.errors import RigError
+from segway_ecc.hil.errors import RigError, SpoiledRunError
+from segway_ecc.hil.processes import ProcessFailedError
+from segway_ecc.node.config import read_text
+from segway_ecc.node.errors import RobotLostError, SequenceError
+from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, single_segment
 
 pytestmark = pytest.mark.real_time
@@ -51,6 +57,41 @@ def test_lock_step_keeps_a_log_where_it_is_asked_for(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["can_kept.mcap"]
 
 
+def test_its_log_is_replayed_to_the_last_bit(tmp_path: Path) -> None:
+    LockstepCanSeat(tmp_path).run("kept", single_segment(1.0, 0.0, 0.1))
+    outcome = replay(tmp_path / "can_kept.mcap")
+
+    assert (outcome.is_whole, outcome.is_identical) == (True, True)
+    assert outcome.cycles > 0
+
+
+def robot(tmp_path: Path, old: str, new: str) -> str:
+    text = read_text("cart-can")
+    assert old in text
+    (tmp_path / "robot.yaml").write_text(text.replace(old, new))
+    return str(tmp_path / "robot.yaml")
+
+
+def test_a_refused_manoeuvre_is_an_error_with_the_robots_reason(tmp_path: Path) -> None:
+    limited = robot(tmp_path, "max_linear_velocity: 10.0", "max_linear_velocity: 3.0")
+    with pytest.raises(
+        SequenceError, match=r"^the robot refused the sequence: it asks for 4 m/s; at most 3 m/s is allowed$"
+    ):
+        LockstepCanSeat(None, limited).run("refused", single_segment(4.0, 0.0, 0.1))
+
+
+def test_a_robot_that_leaves_a_manoeuvre_is_an_error_and_no_position(tmp_path: Path) -> None:
+    trips = robot(tmp_path, "wheel_velocity_limit: 260.0", "wheel_velocity_limit: 10.0")
+    with pytest.raises(RobotLostError, match=r"^the robot left the sequence; FAULT: "):
+        LockstepCanSeat(None, trips).run("left", single_segment(4.0, 0.0, 0.5))
+
+
+def test_a_robot_that_never_arms_is_an_error_and_not_waited_for_without_end(tmp_path: Path) -> None:
+    never = robot(tmp_path, "arming: at_start", "arming: on_request")
+    with pytest.raises(RobotLostError, match=r"cycles were asked for; DISARMED: "):
+        LockstepCanSeat(None, never).run("never", single_segment(1.0, 0.0, 0.1))
+
+
 def test_two_processes_in_real_time_end_where_the_model_does(tmp_path: Path) -> None:
     manoeuvre = single_segment(1.0, 0.5, 1.0)
     seat = RealTimeCanSeat(tmp_path, tmp_path)
@@ -65,13 +106,13 @@ def test_two_processes_in_real_time_end_where_the_model_does(tmp_path: Path) -> 
 class RealTime(RealTimeCanSeat):
     """Runs in lock step, or fails as often as it is told to, with the machine stalled or not."""
 
-    def __init__(self, folder: Path, stalls_s: Sequence[float]) -> None:
+    def __init__(self, folder: Path, failures: Sequence[RigError]) -> None:
         super().__init__(folder, folder)
-        self._stalls_s = iter(stalls_s)
+        self._failures = iter(failures)
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
-        for stall_s in self._stalls_s:
-            raise RealTimeRunError("it tripped", stall_s)
+        for failure in self._failures:
+            raise failure
         self.timings[name] = LoopTiming(0.0001, 0.002, 3, 0.25)
         return LockstepCanSeat(None).run(name, manoeuvre)
 
@@ -86,17 +127,127 @@ def test_one_run_in_real_time_is_compared_with_lock_step(tmp_path: Path) -> None
     )
 
 
-@pytest.mark.parametrize(("stalls_s", "is_spoiled"), [((0.9, 0.1, 0.02), True), ((0.9, 0.0, 0.9), False)])
-def test_a_failure_is_the_machines_only_where_it_stalled_in_each_try(
-    tmp_path: Path, stalls_s: tuple[float, ...], is_spoiled: object
+SPOILED, BROKEN = SpoiledRunError("it tripped"), RigError("it broke")
+
+
+@pytest.mark.parametrize(("failures", "is_spoiled"), [([SPOILED] * 3, True), ([SPOILED, BROKEN, SPOILED], False)])
+def test_a_failure_is_the_machines_only_where_it_spoiled_each_try(
+    tmp_path: Path, failures: list[RigError], is_spoiled: object
 ) -> None:
     repeats = Repeats()
-    found = run_in_real_time(RealTime(tmp_path, stalls_s), LockstepCanSeat(None), repeats)
+    found = run_in_real_time(RealTime(tmp_path, failures), LockstepCanSeat(None), repeats)
 
     assert (found.timing, found.deviation_m, found.is_spoiled) == (None, None, is_spoiled)
-    assert "no result. can in real time failed in each of 3 tries" in found.text
-    assert f"it tripped; the machine stalled for up to {stalls_s[-1] * 1e3:.0f} ms" in found.text
+    assert "no result. can in real time failed in each of 3 tries, the last time: it tripped" in found.text
     assert len(repeats.causes) == 2
+
+
+def fails(code: int | None) -> ProcessFailedError:
+    error = ProcessFailedError("it ended")
+    error.ended_with = code
+    return error
+
+
+CASES = {
+    "tripped": (fails(7), 0.3, "cart-can", SpoiledRunError),
+    "no stall": (fails(7), 0.0, "cart-can", ProcessFailedError),
+    "fails in lock step too": (fails(7), 0.3, "no-such-robot", ProcessFailedError),
+    "another exit code": (fails(9), 0.3, "cart-can", ProcessFailedError),
+    "hung": (fails(None), 0.3, "cart-can", ProcessFailedError),
+    "another error": (RigError("it ended"), 0.3, "cart-can", RigError),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_stall_excuses_only_a_robot_that_gave_up_and_does_not_in_lock_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
+) -> None:
+    error, stall_s, robot, kind = CASES[case]
+
+    def play(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(can_seat, "witness", lambda _messages: contextlib.nullcontext(Seen(stall_s)))
+    monkeypatch.setattr(RealTimeCanSeat, "_play", play)
+    with pytest.raises(RigError) as raised:
+        RealTimeCanSeat(tmp_path, tmp_path, robot).run("fails", single_segment(1.0, 0.0, 0.1))
+
+    assert type(raised.value) is kind
+    assert ("it ended; the machine stalled for up to 300 ms" in str(raised.value)) == (stall_s > 0.0)
+
+
+def test_a_plant_that_has_ended_is_the_failure_and_not_the_robot_that_misses_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Ended:
+        def __init__(self, code: int) -> None:
+            self.process = self
+            self.pid = 0
+            self.code = code
+
+        def poll(self) -> int:
+            return self.code
+
+        def result(self, _timeout_s: float, _partner: object = None) -> None:
+            raise fails(self.code)
+
+    monkeypatch.setattr(
+        can_seat, "command", lambda words, _messages: contextlib.nullcontext(Ended(2 if words[0] == "plant" else 7))
+    )
+    monkeypatch.setattr(can_seat, "witness", lambda _messages: contextlib.nullcontext(Seen()))
+    with pytest.raises(ProcessFailedError) as raised:
+        RealTimeCanSeat(tmp_path, tmp_path).run("fails", single_segment(1.0, 0.0, 0.1))
+
+    assert raised.value.ended_with == 2
+
+
+class Seen:
+    """A witness of a machine that did not stall, or for as long as given."""
+
+    def __init__(self, stall_s: float = 0.0) -> None:
+        self.stall_s = stall_s
+
+    def watch(self, *processes: object) -> None:
+        """Look at nobody."""
+
+    def longest_stall_s(self) -> float:
+        return self.stall_s
+
+
+class Played:
+    """Processes that record how they were called; the controller prints what it is given, or fails."""
+
+    def __init__(self, found: "dict[str, object] | ProcessFailedError") -> None:
+        self.found, self.process, self.pid, self.channels = found, self, 0, list[str]()
+
+    def command(self, words: list[str], _messages: Path) -> "contextlib.nullcontext[Played]":
+        self.channels.append(words[words.index("--channel") + 1])
+        return contextlib.nullcontext(self)
+
+    def poll(self) -> None:
+        return None
+
+    def result(self, _timeout_s: float, _partner: object) -> dict[str, object]:
+        if isinstance(self.found, ProcessFailedError):
+            raise self.found
+        return self.found
+
+
+@pytest.mark.parametrize(
+    ("found", "kind"),
+    [({"stop_reason": "SIGINT", "sequence": None}, KeyboardInterrupt), (fails(13), SequenceError)],
+    ids=["interrupted", "refused"],
+)
+def test_a_robot_that_was_interrupted_or_refused_is_no_failure_to_repeat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: "dict[str, object] | ProcessFailedError", kind: type
+) -> None:
+    played = Played(found)
+    monkeypatch.setattr(can_seat, "command", played.command)
+    monkeypatch.setattr(can_seat, "witness", lambda _messages: contextlib.nullcontext(Seen()))
+    with pytest.raises(kind):
+        RealTimeCanSeat(tmp_path, tmp_path).run("turn", single_segment(1.0, 0.0, 0.1))
+
+    assert set(played.channels) == {f"case_study_{os.getpid()}_turn"}
 
 
 def test_the_worst_of_a_table_in_real_time_is_of_all_its_runs(tmp_path: Path) -> None:
@@ -109,7 +260,7 @@ def test_the_worst_of_a_table_in_real_time_is_of_all_its_runs(tmp_path: Path) ->
 def test_a_controller_that_fails_is_reported_with_its_messages(tmp_path: Path) -> None:
     # The controller's log cannot be written here.
     (tmp_path / "file").touch()
-    with pytest.raises(RealTimeRunError, match=r"ended with exit code 9: .*cannot write the log"):
+    with pytest.raises(RigError, match=r"ended with exit code 9: .*cannot write the log"):
         RealTimeCanSeat(tmp_path, tmp_path / "file").run("fails", single_segment(1.0, 0.0, 0.1))
 
 

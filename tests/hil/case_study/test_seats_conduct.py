@@ -9,7 +9,7 @@ import pytest
 
 from segway_ecc.hil.case_study.seats import DURATION_S, TURN, Repeats, SeatRun, cell_name, conduct
 from segway_ecc.hil.case_study.study import Edge, Seat, Trajectory, thesis_cells
-from segway_ecc.hil.errors import RunFailedError
+from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -26,6 +26,7 @@ class PretendSeat:
         self.played: dict[str, Manoeuvre] = {}
         self.fails_at: str | None = None
         self.fails_until_try = 1
+        self.failure: type[Exception] = RigError
         self._offset = offset
         self._graph = graph
         self._lock = threading.Lock()
@@ -34,7 +35,7 @@ class PretendSeat:
         with self._lock:
             self.played[name] = manoeuvre
         if self.fails_at is not None and name in (self.fails_at, f"{self.fails_at}_try_{self.fails_until_try}"):
-            raise NodeError(f"{name} broke")
+            raise self.failure(f"{name} broke")
         first = manoeuvre.segments[0]
         end = (first.linear + self._offset, first.angular - self._offset)
         times = [0.0, 1.0, 10.0] if len(manoeuvre.segments) == 1 else [0.0, 1.0, 10.0, 10.01, 20.0]
@@ -142,7 +143,7 @@ def test_the_first_failure_ends_the_study_and_no_other_seat_is_begun() -> None:
     cells = thesis_cells()
     first, second = PretendSeat(Seat.OFFLINE), PretendSeat(Seat.CAN)
     first.fails_at = cell_name(cells[0])
-    with pytest.raises(NodeError, match=f"^{first.fails_at} broke$"):
+    with pytest.raises(RigError, match=f"^{first.fails_at} broke$"):
         conduct([first, second], {}, no_progress)
 
     assert second.played == {}
@@ -171,6 +172,20 @@ def test_a_run_that_fails_three_times_ends_the_study_with_cause_and_remedy() -> 
         conduct([seat], {}, no_progress)
 
     assert RunFailedError.exit_code == 14
+
+
+def test_a_seat_that_the_machine_spoiled_has_no_result_and_fails_no_other() -> None:
+    spoiled, other = PretendSeat(Seat.CAN), PretendSeat(Seat.OFFLINE)
+    spoiled.tries, spoiled.fails_at, spoiled.fails_until_try, spoiled.failure = 2, TURN, 2, SpoiledRunError
+    study = conduct([spoiled, other], {}, no_progress)
+
+    assert study.seats == [Seat.OFFLINE]
+    assert {tuple(cell.positions) for cell in study.cells} == {(Seat.OFFLINE,)}
+    assert study.real_time is not None
+    assert study.real_time.is_spoiled
+    assert "(its table): no result. can turn failed in each of 2 tries, the last time: turn_try_2 broke" in (
+        study.real_time.text
+    )
 
 
 def test_names_of_runs_are_unique_and_show_their_setpoints() -> None:

@@ -33,3 +33,8 @@ def test_a_run_has_every_step_from_start_to_end_and_a_log(seats: list[OfflineSea
         assert run.trajectory.x[50] == pytest.approx(0.435, abs=0.01)
         assert run.trajectory.linear_velocity[-1] < 0.0
         assert (tmp_path / f"{seat.seat}_short.mcap").stat().st_size > 0
+
+
+def test_segments_that_end_between_cycles_take_as_many_as_on_the_robot(tmp_path: Path) -> None:
+    run = OfflineSeat(tmp_path).run("between", Manoeuvre(segments=(Segment(linear=1.0, duration=0.015),) * 2))
+    assert len(run.trajectory.time) == 4

@@ -3,8 +3,9 @@ import pytest
 
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.hil.case_study.seats import Repeats
-from segway_ecc.hil.errors import RigError, RunFailedError
-from segway_ecc.node.errors import NodeError, SequenceError
+from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
+from segway_ecc.hil.processes import ProcessFailedError
+from segway_ecc.node.errors import ConfigurationError, SequenceError
 
 
 class Fails:
@@ -21,7 +22,13 @@ class Fails:
         return "result"
 
 
-@pytest.mark.parametrize("error", [SequenceError("lost"), RigError("lost")])
+def ended(code: int | None) -> ProcessFailedError:
+    error = ProcessFailedError("lost")
+    error.ended_with = code
+    return error
+
+
+@pytest.mark.parametrize("error", [RigError("lost"), SpoiledRunError("lost"), *map(ended, (None, 6, 7, 13))])
 def test_a_run_is_repeated_until_it_succeeds_under_a_name_of_its_own(error: Exception) -> None:
     repeats, once = Repeats(), Fails(2, error)
 
@@ -33,7 +40,7 @@ def test_a_run_is_repeated_until_it_succeeds_under_a_name_of_its_own(error: Exce
 def test_a_run_that_succeeds_at_once_is_not_reported() -> None:
     repeats = Repeats()
 
-    assert repeats.run("ros turn", 3, Fails(0, NodeError("lost"))) == "result"
+    assert repeats.run("ros turn", 3, Fails(0, RigError("lost"))) == "result"
     assert repeats.causes == []
 
 
@@ -50,17 +57,26 @@ def test_after_the_last_try_every_failure_is_in_the_error() -> None:
 
 @pytest.mark.parametrize(("tries", "is_over"), [(1, False), (3, True)])
 def test_a_run_that_may_not_be_repeated_fails_with_its_own_error(tries: int, is_over: object) -> None:
-    repeats, once = Repeats(), Fails(9, SequenceError("lost"))
-    with pytest.raises(SequenceError, match=r"^lost$"):
+    repeats, once = Repeats(), Fails(9, RigError("lost"))
+    with pytest.raises(RigError, match=r"^lost$"):
         repeats.run("offline turn", tries, once, lambda: bool(is_over))
 
     assert len(once.suffixes) == 1
     assert repeats.causes == []
 
 
-def test_an_error_that_is_no_failure_of_a_run_is_not_repeated() -> None:
-    once = Fails(9, HardwareError("no bus"))
-    with pytest.raises(HardwareError):
+@pytest.mark.parametrize(
+    "error",
+    [
+        HardwareError("no bus"),
+        ConfigurationError("no file"),
+        SequenceError("refused"),
+        *map(ended, (1, 2, 5, 102, -11)),
+    ],
+)
+def test_an_error_that_no_loss_and_no_stall_causes_is_not_repeated(error: Exception) -> None:
+    once = Fails(9, error)
+    with pytest.raises(type(error)):
         Repeats().run("ros turn", 3, once)
 
     assert len(once.suffixes) == 1

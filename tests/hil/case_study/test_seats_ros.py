@@ -20,7 +20,7 @@ START_NS = 1_700_000_000_000_000_000
 
 
 class Pretend:
-    def result(self, _timeout_s: float) -> dict[str, Any]:
+    def result(self, _timeout_s: float, _partner: object) -> dict[str, Any]:
         return {"graph": []}
 
 

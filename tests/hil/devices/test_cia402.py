@@ -13,6 +13,7 @@ from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.cia402 import RATED_TORQUE_MNM, TICK_NS, SimulatedCia402
 from segway_ecc.hil.devices.device import Device
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
+from tests.hil.devices.cia402_faults import latch_fault
 
 LEFT, RIGHT = 1, 2
 MS = 1_000_000
@@ -292,7 +293,7 @@ def test_a_quick_stop_that_stays_is_left_by_disabling_the_voltage_or_enabling(be
 
 def test_a_fault_is_reported_latched_and_reset_by_a_rising_edge(bench: Bench) -> None:
     bench.enable()
-    bench.drives.left.latch_fault()
+    latch_fault(bench.drives.left)
     assert bench.states()[0] is DriveState.FAULT_REACTION_ACTIVE
     assert (0x081, "1023030000000000") in bench.command(0x0F, 500)
     assert bench.torques[0] == 0.0
@@ -302,7 +303,7 @@ def test_a_fault_is_reported_latched_and_reset_by_a_rising_edge(bench: Bench) ->
         assert bench.states()[0] is DriveState.FAULT
     assert (0x081, "0000000000000000") in bench.command(0x80)
     assert bench.states()[0] is DriveState.SWITCH_ON_DISABLED
-    bench.drives.left.latch_fault()
+    latch_fault(bench.drives.left)
     bench.command(0x80)
     bench.command(0x80)
     assert bench.states()[0] is DriveState.FAULT
@@ -371,7 +372,7 @@ def test_a_drive_without_supply_is_silent_and_comes_back_forgetful(bench: Bench)
     bench.command(0x0F, 500)
     bench.drives.left.switch_off()
     assert all(identifier not in (0x181, 0x281, 0x701) for identifier, _ in bench.command(0x0F, 500))
-    bench.drives.left.latch_fault()
+    latch_fault(bench.drives.left)
     assert bench.torques[0] == 0.0
     bench.drives.left.switch_on()
     assert (0x701, "00") in bench.tick()

@@ -13,6 +13,7 @@ from segway_ecc.firmware_io.drives.cia402.network import object_dictionary
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
+from tests.hil.devices.cia402_faults import latch_fault
 
 SETTINGS = Cia402Settings(
     left=Cia402WheelSettings(node_id=4, counts_per_turn=4000, max_torque=5.0),
@@ -95,7 +96,7 @@ def test_the_librarys_state_machine_takes_it_to_operation_and_back(bus: Bus, nod
 
 
 def test_the_library_resets_a_fault(bus: Bus, node: BaseNode402) -> None:
-    bus.drives.left.latch_fault()
+    latch_fault(bus.drives.left)
     bus.tick()
     assert node.is_faulted()  # type: ignore[no-untyped-call]  # canopen's
     assert [(error.code, error.register) for error in node.emcy.active] == [(0x2310, 3)]

@@ -13,6 +13,7 @@ from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_ro
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment
+from tests.hil.devices.cia402_faults import latch_fault
 
 ROBOT = "cart-cia402"
 
@@ -86,7 +87,7 @@ def test_a_loop_that_stops_loses_its_torque_within_the_watchdogs_time(rig: Rig) 
 def test_a_latched_fault_is_reported_stops_both_and_is_reset_by_arming(rig: Rig) -> None:
     rig.arm()
     rig.cycle(1.0, 1.0, times=2)
-    rig.drives.right.latch_fault()
+    latch_fault(rig.drives.right)
     sensors = rig.cycle(1.0, 1.0, times=2)
     assert any("right drive reports EMCY 0x2310 (current)" in fault for fault in sensors.faults)
     assert rig.drives.right.torque == 0.0

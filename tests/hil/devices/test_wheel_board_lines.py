@@ -48,7 +48,7 @@ class Bench:
         board_link = self.rig.bus.attach("board")
         self.board = SimulatedWheelBoard(board_link, WheelBoardSettings(imu=True), wires.device)
         self.rig.attach(SimulatedRobot(board_link, [self.board], CartPlant(), TICK_NS))
-        driver = WheelBoard(self.link, 0.05, CYCLE_NS * 1e-9, self.rig.now_ns, imu=True)
+        driver = WheelBoard(self.link, WheelBoardSettings(imu=True), CYCLE_NS * 1e-9, self.rig.now_ns)
         self.robot = Assembly(self.link, [driver], now_ns=self.rig.now_ns)
 
     def run(self, fault: LinkFault | None, fault_at: int) -> list[Seen]:

@@ -11,7 +11,6 @@ from msgspec import structs
 
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.imus.xsens_mti.driver import XsensMti
-from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.case_study.can import LockstepCanSeat
@@ -134,13 +133,6 @@ def test_a_sensor_that_is_switched_off_is_silent_and_begins_anew_when_switched_o
     bench.tick(2)
     frames = [(f.arbitration_id, int.from_bytes(f.data, "big")) for f in bench.heard() if f.arbitration_id < 0x10]
     assert sorted(frames) == [(0x005, 0), (0x005, 50), (0x006, 0), (0x006, 1)]
-
-
-def test_an_error_can_be_reported() -> None:
-    bench = Bench(ids={Message.ERROR: 0x701})
-    bench.imu.report_error(1)
-    bench.now_ns += MS
-    assert [(f.arbitration_id, f.data) for f in bench.heard()] == [(0x701, b"\1")]
 
 
 @pytest.mark.parametrize("mounting", [("+x", "+y", "+z"), ("+y", "+z", "+x"), ("-y", "-x", "-z")], ids=" ".join)

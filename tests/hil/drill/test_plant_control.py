@@ -131,6 +131,20 @@ def test_a_frozen_sensor_repeats_itself_with_good_counters_and_the_rest_goes_on(
     assert len(healed) == 3
 
 
+def test_a_sensor_measures_too_much_until_it_is_healed(bench: Bench) -> None:
+    bench.tick()
+    true = struct.unpack("<ih", body(bench.tick(), LEFT_WHEEL))
+    assert bench.ask("add left.velocity 1.5") == "add left.velocity 1.5"
+    wrong = struct.unpack("<ih", body(bench.tick(), LEFT_WHEEL))
+    assert wrong[0] == true[0]
+    assert wrong[1] > true[1]
+    bench.ask("heal")
+    assert struct.unpack("<ih", body(bench.tick(), LEFT_WHEEL)) == true
+    assert bench.ask("add left much") == "refused: 'much' is not a number"
+    assert bench.ask("add nothing 1").startswith("refused: nothing measured begins with 'nothing'; there is ")
+    assert bench.robot.errors == {}
+
+
 def test_one_signal_can_be_frozen(bench: Bench) -> None:
     bench.ask("freeze left.velocity")
     assert list(bench.robot.stuck) == ["left.velocity"]

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: MIT
 """A wall clock that steps, and a node that stalls or dies; monotonic time is never wrong."""
 
+from collections.abc import Callable
+
 import pytest
 
-from segway_ecc.hil.faults.computer import DisturbedClock, ProcessKilledError
+from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
 from segway_ecc.hil.faults.fault import Fault, Injections, Target, Type
 from segway_ecc.hil.rig.simulation import WALL_START_NS, LockstepRig
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.state import Snapshot
 
 MS = 1_000_000
 
@@ -65,3 +69,24 @@ def test_a_node_is_killed() -> None:
     with pytest.raises(ProcessKilledError):
         clock.sleep_until_ns(100 * MS)
     assert killed == [100 * MS]
+
+
+def test_snapshots_are_lost_and_cycles_are_not() -> None:
+    kept: list[str] = []
+
+    class Keeping(NoRecorder):
+        def write(self, record: CycleRecord) -> None:  # noqa: ARG002 - what of it is no matter
+            kept.append("cycle")
+
+        def write_state(self, take: Callable[[], Snapshot]) -> None:  # noqa: ARG002 - as above
+            kept.append("snapshot")
+
+    rig = LockstepRig(500_000)
+    injections = Injections([Fault(target="disk", type="intermittent", at_s=0.1, amount=1.0)], 0, rig.now_ns)
+    recorder = FailingRecorder(Keeping(), injections, DisturbedClock(rig, injections))
+    injections.timeline.start()
+    for ms in (90, 110):
+        rig.sleep_until_ns(ms * MS)
+        recorder.write(None)  # type: ignore[arg-type]  # nobody looks at it
+        recorder.write_state(None)  # type: ignore[arg-type]  # as above
+    assert kept == ["cycle", "snapshot", "cycle"]

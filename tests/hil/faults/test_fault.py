@@ -34,8 +34,13 @@ def test_without_an_amount_the_usual_one_holds() -> None:
         ("{target: can, type: stuck, at_s: -1}", "at_s"),
         ("{target: can, type: stuck, at_s: 1, for_s: 0}", "for_s"),
         ("{target: wheel, type: stuck, at_s: 1}", "allowed is battery, can, clock, command_link, disk, encoder"),
-        ("{target: can, type: broken, at_s: 1}", "allowed is delayed, garbage, intermittent, off, slow, stuck, wrong"),
+        ("{target: can, type: broken, at_s: 1}", "allowed is delayed, garbage, intermittent, off, oscillating, slow"),
         ("{target: can, type: stuck, at_s: 1, hard: 1}", "unknown field `hard`"),
+        ("{target: can, type: stuck, at_s: 1, every_s: 1}", "every_s needs a for_s that is shorter"),
+        ("{target: can, type: stuck, at_s: 1, for_s: 1, every_s: 1}", "every_s needs a for_s that is shorter"),
+        ("{target: parameter, type: wrong, at_s: 1}", "a parameter needs one"),
+        ("{target: can, type: stuck, at_s: 1, name: Track}", "nothing else has one"),
+        ("{target: can, type: stuck, at_s: 1, since: noon}", "since"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_what_does(text: str, message: str) -> None:
@@ -49,4 +54,6 @@ def test_every_usual_amount_is_an_allowed_one() -> None:
     for target, kinds in KINDS.items():
         for name, kind in kinds.items():
             if kind.amount is not None:
-                assert Fault(target=target, type=name, at_s=0.0, amount=kind.amount).size == kind.amount
+                variable = "WheelRadius" if target == "parameter" else None
+                fault = Fault(target=target, type=name, at_s=0.0, amount=kind.amount, name=variable)
+                assert fault.size == kind.amount

@@ -64,3 +64,30 @@ def test_chance_is_the_seeds() -> None:
 
 def test_only_faults_of_the_part_are_given() -> None:
     assert injections(Clock()).of("serial", "imu") == []
+
+
+def test_a_fault_comes_again_as_often_as_declared() -> None:
+    clock = Clock()
+    faults = Injections([Fault(target="can", type="off", at_s=0.1, for_s=0.02, every_s=0.05)], 0, clock.now_ns)
+    faults.timeline.start()
+    (injection,) = faults.of("can")
+    active = []
+    for ms in range(250):
+        active += [ms] if injection.is_active else []
+        clock.ns += MS
+    assert active == [*range(100, 120), *range(150, 170), *range(200, 220)]
+
+
+def test_a_fault_since_power_on_does_not_wait_for_the_robot_to_be_armed() -> None:
+    clock = Clock()
+    fault = Fault(target="imu", type="off", at_s=0.1, for_s=0.1, since="power_on")
+    faults = Injections([fault], 0, clock.now_ns)
+    (injection,) = faults.of("imu")
+    active = []
+    for ms in range(250):
+        active += [ms] if injection.is_active else []
+        clock.ns += MS
+        if ms == 150:
+            faults.timeline.start()
+    assert active == [*range(100, 200)]
+    assert faults.first_ns == 0

@@ -61,6 +61,18 @@ def test_a_cut_bus_carries_nothing_and_reports_nothing() -> None:
     assert bench.to_robot(*frames(3)) == []
 
 
+def test_without_telemetry_commands_still_pass() -> None:
+    bench = Bench("can", "stale")
+    assert bench.to_devices(*frames(3)) == datas(3)
+    assert bench.to_robot(*frames(3)) == []
+
+
+def test_bytes_are_in_the_other_order_either_way() -> None:
+    bench = Bench("can", "swapped")
+    assert bench.to_devices(Frame(0x10, b"\x01\x02\x03")) == [b"\x03\x02\x01"]
+    assert bench.to_robot(Frame(0x50, b"\x04\x05")) == [b"\x05\x04"]
+
+
 def test_a_full_queue_refuses_while_telemetry_goes_on() -> None:
     bench = Bench("can", "stuck")
     assert bench.to_devices(*frames(3)) == []

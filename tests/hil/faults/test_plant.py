@@ -51,6 +51,47 @@ def run(target: Target, kind: Type, amount: float | None = None, push: float = 2
     return rows
 
 
+def test_what_is_exchanged_is_the_wheels_or_the_axes() -> None:
+    now = [0]
+    faults = Injections(
+        [Fault(target=target, type="swapped", at_s=0.0) for target in ("left_motor", "encoder", "imu")],
+        0,
+        lambda: now[0],
+    )
+    plant = DisturbedPlant(Exchanged(), faults)
+    plant.initialize([0.0, 0.0])
+    faults.timeline.start()
+    assert plant.step([2.0, 3.0]) == [2.0, 3.0, 20.0, 30.0, 200.0, 100.0, 300.0, 3.0]
+
+
+class Exchanged(SectionedModel):
+    """What it was given, right first, and an IMU."""
+
+    name = "exchanged"
+    step_size = STEP_S
+    inputs = (Variable("left.voltage", "V"), Variable("right.voltage", "V"))
+    outputs = tuple(
+        Variable(name, "")
+        for name in (
+            "left.angle",
+            "right.angle",
+            "left.velocity",
+            "right.velocity",
+            "imu.angular_velocity_x",
+            "imu.angular_velocity_y",
+            "imu.angular_velocity_z",
+            "truth.left",
+        )
+    )
+
+    def input(self, u: Sequence[float]) -> None:
+        self.pushed = u
+
+    def output(self) -> Sequence[float]:
+        left, right = self.pushed
+        return left, right, 10.0 * left, 10.0 * right, 100.0, 200.0, 300.0, left
+
+
 def column(rows: list[list[float]], place: int) -> list[float]:
     return [row[place] for row in rows]
 

@@ -6,7 +6,7 @@ import pytest
 from segway_ecc.hil.growth import real
 from segway_ecc.hil.growth.cost import Axis
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.ros
 
 
 def test_a_subscriber_receives_from_a_robot_that_reports_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,7 @@ import pytest
 
 from segway_ecc.hil.growth import study
 from segway_ecc.hil.growth.cost import Axis, Cost, Point
-from segway_ecc.hil.growth.report import figure, render
-from segway_ecc.hil.growth.study import AxisResult, conduct, grown, text, verdict
+from segway_ecc.hil.growth.study import AxisResult, conduct, figure, grown, render, text, verdict
 
 
 def cost(p50_us: float, **notes: str) -> Cost:

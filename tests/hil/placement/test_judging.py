@@ -8,13 +8,13 @@ import pytest
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.placement.judging import RunOutcome, RunRecord, errors, outcome_of, reason_of, story
-from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 
 S = 1_000_000_000
-STOOD = ((0.0, Phase.RESTING), (0.5, Phase.STANDING_UP), (1.6, Phase.BALANCING))
+STOOD = ((0.0, Posture.RESTING), (0.5, Posture.STANDING_UP), (1.6, Posture.BALANCING))
 ARMED = Change(S, Mode.ARMED, "asked to arm")
-SITS = (5.0, Phase.SITTING_DOWN)
+SITS = (5.0, Posture.SITTING_DOWN)
 
 
 def at(time: float, **values: float) -> Truth:
@@ -24,7 +24,7 @@ def at(time: float, **values: float) -> Truth:
 
 def seen(
     *changes: Change,
-    phases: tuple[tuple[float, Phase], ...] = STOOD,
+    postures: tuple[tuple[float, Posture], ...] = STOOD,
     fallen_s: float = math.inf,
     zero_s: float | None = None,
     guard_s: float | None = None,
@@ -32,7 +32,7 @@ def seen(
     """A run of 10 s, lying on its stop at 0.5 rad until 1.2 s and from `fallen_s` on."""
     times = [0.1 * i for i in range(101)]
     truth = [at(time, pitch=0.5 if time < 1.2 or time >= fallen_s else 0.01) for time in times]
-    return RunRecord(truth, changes, phases, zero_s, guard_s, "digest")
+    return RunRecord(truth, changes, postures, zero_s, guard_s, "digest")
 
 
 def hold(at_s: float) -> Change:
@@ -49,11 +49,11 @@ def fault(at_s: float) -> Change:
         (seen(ARMED), RunOutcome.DROVE_ON),
         (seen(ARMED, hold(4.0)), RunOutcome.HELD),
         (seen(ARMED, hold(2.0)), RunOutcome.DROVE_ON),
-        (seen(ARMED, hold(4.0), phases=(*STOOD, SITS), fallen_s=6.0), RunOutcome.SAT_DOWN),
+        (seen(ARMED, hold(4.0), postures=(*STOOD, SITS), fallen_s=6.0), RunOutcome.SAT_DOWN),
         (seen(ARMED, hold(4.0), fallen_s=4.5), RunOutcome.FELL),
-        (seen(ARMED, phases=(*STOOD, (4.0, Phase.GIVEN_UP)), fallen_s=3.5), RunOutcome.FELL),
-        (seen(ARMED, phases=STOOD[:2]), RunOutcome.NEVER_STOOD),
-        (seen(phases=STOOD[:1], fallen_s=0.0), RunOutcome.NEVER_ARMED),
+        (seen(ARMED, postures=(*STOOD, (4.0, Posture.FALLEN)), fallen_s=3.5), RunOutcome.FELL),
+        (seen(ARMED, postures=STOOD[:2]), RunOutcome.NEVER_STOOD),
+        (seen(postures=STOOD[:1], fallen_s=0.0), RunOutcome.NEVER_ARMED),
     ],
 )
 def test_the_worst_that_came_of_a_run_counts(run: RunRecord, outcome: RunOutcome) -> None:
@@ -71,7 +71,9 @@ def test_the_reason_is_the_first_one_the_guard_s_among_them() -> None:
     assert reason_of(seen(ARMED)) == ""
     assert reason_of(seen(ARMED, hold(4.0), fault(5.0))) == "no set-point arrives any more"
     assert reason_of(seen(ARMED, hold(4.0), fault(5.0)), 4.5) == "a is too old, and 2 more"
-    assert reason_of(seen(ARMED, fault(5.0), guard_s=4.9)) == "the guard stopped the drives: commands stopped"
+    assert (
+        reason_of(seen(ARMED, fault(5.0), guard_s=4.9)) == "the guard stopped the drives: the node's heartbeats stopped"
+    )
 
 
 def test_a_story_shows_what_came_when() -> None:
@@ -80,7 +82,7 @@ def test_a_story_shows_what_came_when() -> None:
         "+0.00 s HOLD (no set-point arrives any more); +0.20 s FAULT (a is too old, and 2 more); "
         "+0.25 s torque zero for good; +0.30 s the guard stops the drives; +0.80 s lies"
     )
-    assert story(seen(ARMED, hold(4.0), phases=(*STOOD, SITS), fallen_s=6.0), 4.5) == "+0.50 s sits down"
+    assert story(seen(ARMED, hold(4.0), postures=(*STOOD, SITS), fallen_s=6.0), 4.5) == "+0.50 s sits down"
     assert story(seen(ARMED), 4.0) == "goes on as if nothing were"
 
 
@@ -96,5 +98,5 @@ def test_who_leans_shakes_or_runs_at_the_end_is_not_calm(values: dict[str, float
 
 def test_who_is_down_or_off_at_the_end_is_not_calm() -> None:
     assert seen(ARMED, fault(5.0)).is_calm_at_the_end is False
-    assert seen(ARMED, phases=(*STOOD, (9.0, Phase.GIVEN_UP))).is_calm_at_the_end is False
+    assert seen(ARMED, postures=(*STOOD, (9.0, Posture.FALLEN))).is_calm_at_the_end is False
     assert seen(ARMED, hold(9.0)).is_calm_at_the_end is True

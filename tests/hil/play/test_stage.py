@@ -9,17 +9,19 @@ import socket
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import msgspec
 import pytest
 
 from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot, TerminalEnd, channel
 from segway_ecc.hil.play.stage import PlantControls, PlayStage
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.modes import Action, Answer, Mode, Modes
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.testing import ScriptedClock
 
 
@@ -295,21 +297,30 @@ def test_a_robot_with_one_line_shows_its_state_as_that_of_the_bus(game: Game) ->
 
 
 def test_a_robot_that_cannot_stand_up_gets_no_request_to(game: Game) -> None:
-    modes = Modes()
-    game.stage.modes = modes
-    modes.ask(Action.ARM)
-    assert game.press(Key.STAND).values == []
+    assert game.press(Key.STAND) == Inbox()
+    assert game.shown(reported(game)).posture is None
 
 
-def test_standing_up_waits_for_the_motors(game: Game, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO)
-    stage = PlayStage(NoStage(), LoopEnd(game.ends[0]), game.rig, build_robot(load_robot("segway"), ScriptedClock()))
-    game = game._replace(stage=stage)
-    modes = Modes()
-    stage.modes = modes
-    assert game.press(Key.STAND).values == []
-    assert game.press().values == []
-    assert caplog.messages == ["refused: arm the robot first"]
-    modes.ask(Action.ARM)
-    # It rests, as far as its model knows.
-    assert [game.press(*keys).values for keys in ([Key.STAND], [], [])] == [[SetValue(0, 0.0)], [SetValue(0, 1.0)], []]
+@pytest.mark.parametrize(
+    ("posture", "action"),
+    [
+        (Posture.RESTING, Action.STAND_UP),
+        (Posture.STANDING_UP, Action.SIT_DOWN),
+        (Posture.BALANCING, Action.SIT_DOWN),
+        (Posture.SITTING_DOWN, Action.STAND_UP),
+        (Posture.FALLEN, Action.STAND_UP),
+    ],
+)
+def test_one_that_is_up_is_to_sit_and_one_that_is_down_to_stand(game: Game, posture: Posture, action: Action) -> None:
+    segway = build_robot(load_robot("segway"), ScriptedClock())
+    game = game._replace(stage=PlayStage(NoStage(), LoopEnd(game.ends[0]), game.rig, segway), robot=segway)
+    report = msgspec.structs.replace(reported(game), posture=posture)
+    assert game.shown(report).posture == posture.lower()
+    (request,) = game.press(Key.STAND).requests
+    assert request.action is action
+
+
+def test_q_once_more_ends_a_robot_that_is_on_its_way_down(game: Game) -> None:
+    assert game.press(Key.QUIT).requests == []
+    assert [request.action for request in game.press(Key.QUIT).requests] == [Action.DISARM]
+    assert game.stage.over == "q was pressed"

@@ -7,6 +7,7 @@ import pytest
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, FrameId
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.study import Cell, difference, thesis_cells
@@ -87,7 +88,9 @@ class LosingLink(LinkFront):
 def _drive(rig: LockstepRig, lost: Collection[int]) -> Drive:
     """Drive for 300 ms, some of the commands lost on the bus."""
     link = LosingLink(rig.bus.attach("node"))
-    driver = Assembly(link, [WheelBoard(link, 0.05, loop_period_s=0.01, now_ns=rig.now_ns)], now_ns=rig.now_ns)
+    driver = Assembly(
+        link, [WheelBoard(link, WheelBoardSettings(), loop_period_s=0.01, now_ns=rig.now_ns)], now_ns=rig.now_ns
+    )
     board = SimulatedWheelBoard(board_link := rig.bus.attach("board"))
     rig.attach(robot(board, board_link))
     driver.open()

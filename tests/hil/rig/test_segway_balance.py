@@ -63,6 +63,31 @@ def test_it_tracks_1_m_per_s_and_1_rad_per_s_and_sits_down_on_request() -> None:
     assert impact < 1.2  # falling freely it would be some 4.5 rad/s
 
 
+@pytest.mark.parametrize("robot", ["segway", "segway-odrive"])
+def test_no_write_of_a_parameter_makes_it_fall_and_its_limits_are_tuned_while_it_drives(robot: str) -> None:
+    balance = Balance(load_robot(robot), pitch=STOP)
+    truth = balance.run(
+        11.0,
+        {
+            3.0: lambda b: b.drive(1.0, 0.0),
+            4.0: lambda b: b.write(WheelRadius=0.0),
+            4.1: lambda b: b.write(WheelRadius=-0.05),
+            4.2: lambda b: b.write(Track=0.0),
+            4.3: lambda b: b.write(BiasTime=0.0),
+            4.4: lambda b: b.write(PitchGain=-123.0),
+            4.5: lambda b: b.write(MaxSpeed=0.5, MaxAcceleration=9.0),
+            5.0: lambda b: b.write(MaxSpeed=0.5, MaxAcceleration=0.3),
+        },
+    )
+    assert [bool(refusal) for refusal in balance.refusals] == [True] * 6 + [False]
+    assert balance.refusals[0] == "'WheelRadius' cannot be 0.0: allowed is 0.045 to 0.055 m"
+    assert balance.refusals[4] == "'PitchGain' is not tunable while the robot is armed: disarm it first"
+    assert balance.loop.modes.mode is Mode.ARMED
+    assert balance.phases[-1] == Phase.BALANCING
+    assert largest([at.pitch for at in window(truth, 2.5, 11.0)]) < 0.25
+    assert largest([at.linear_velocity - 0.5 for at in window(truth, 10.0, 11.0)]) < 0.15
+
+
 @pytest.mark.parametrize("force", [50.0, -50.0])
 def test_it_recovers_from_a_push_and_returns_to_its_place(force: float) -> None:
     balance = Balance(load_robot("segway"), pitch=STOP, seed=2)

@@ -34,6 +34,13 @@ def test_the_plant_is_the_one_that_the_file_names() -> None:
     assert type(simulated_plant(load_robot("cart-can"))) is CartPlant
 
 
+def test_the_plant_has_the_parameters_that_the_file_names() -> None:
+    file = load_robot("segway")
+    assert file.simulation is not None
+    simulation = structs.replace(file.simulation, parameters={"BodyMass": 12.0})
+    assert simulated_plant(structs.replace(file, simulation=simulation)).read("BodyMass") == 12.0
+
+
 def test_a_robot_without_a_plant_is_refused_with_the_key_to_add() -> None:
     file = structs.replace(load_robot("cart-can"), simulation=None)
     with pytest.raises(NoSimulationError, match=r"^robot 'cart-can' has no plant: add simulation\.plant to its file$"):

@@ -6,16 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.soak.figures import figure
 from segway_ecc.hil.soak.real_time import RealTimeSoak, soak
-from segway_ecc.hil.soak.watching import Watching
+from segway_ecc.hil.soak.watching import Watching, figure
 
 pytestmark = pytest.mark.real_time
 
 
 @pytest.mark.proof
 @pytest.mark.ros
-@pytest.mark.timeout(180)
 def test_every_process_is_watched_and_the_robot_driven(tmp_path: Path) -> None:
     watching, told = Watching(tmp_path), list[float]()
     ran = soak(RealTimeSoak("cart-can", 14.0, 0.5, ros=True), watching, told.append)
@@ -26,7 +24,6 @@ def test_every_process_is_watched_and_the_robot_driven(tmp_path: Path) -> None:
     assert figure(watching.series).count(b"open files") == 5
 
 
-@pytest.mark.timeout(120)
 def test_without_ros_nobody_drives(tmp_path: Path) -> None:
     watching = Watching(tmp_path)
     ran = soak(RealTimeSoak("cart-can", 5.0, 0.5, ros=False), watching, lambda _: None)

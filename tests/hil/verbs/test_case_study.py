@@ -2,6 +2,7 @@
 """`segway-ecc case-study`: its output, that lock step repeats itself, and what it makes of runs in real time."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -96,7 +97,56 @@ def test_an_out_folder_that_cannot_be_written_is_reported(segway_ecc: Run, tmp_p
     assert outcome.code == 2
     assert outcome.out == ""
     (line,) = outcome.errors
-    assert line == (f"segway-ecc: cannot write to {tmp_path}/file: Not a directory; choose another --out")
+    assert line == (f"segway-ecc: cannot write to {tmp_path}/file: File exists; choose another --out")
+
+
+def test_a_second_study_in_the_same_folder_is_refused_while_the_first_runs(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second: list[Any] = []
+    words = ("case-study", "--seat", "offline", "--json", "--out", str(tmp_path))
+
+    def conduct(*_arguments: object) -> Study:
+        if not second:
+            second.append(None)
+            second[0] = segway_ecc(*words)
+        return Study([], [], [], [], [], {})
+
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
+
+    assert segway_ecc(*words).code == 0
+    assert second[0].code == 2
+    assert second[0].errors == [
+        f"segway-ecc: another study writes to {tmp_path}: wait for its end, or choose another --out"
+    ]
+    assert segway_ecc(*words).code == 0
+
+
+SWALLOWS = """
+import signal, sys, time
+from segway_ecc.hil.verbs import case_study
+from segway_ecc.node.cli.main import main
+
+def conduct(*_):
+    try:
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.1)
+    except KeyboardInterrupt:
+        pass
+    print("swallowed")
+
+case_study.conduct = conduct
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main())
+"""
+
+
+def test_ctrl_c_ends_a_study_also_where_what_runs_would_swallow_it(tmp_path: Path) -> None:
+    words = ["case-study", "--seat", "offline", "--out", str(tmp_path)]
+    ended = subprocess.run([sys.executable, "-c", SWALLOWS, *words], check=False, capture_output=True, text=True)
+
+    assert (ended.returncode, ended.stdout) == (-signal.SIGINT, "")
 
 
 @pytest.mark.parametrize("repeat", ["0", "-1"])
@@ -125,7 +175,7 @@ def test_repeated_runs_are_compared_bit_for_bit(
 
     assert outcome.code == 0
     assert outcome.errors == ["segway-ecc: offline: 2 of 3 runs gave the same bits"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["run_1", "run_2", "run_3"]
+    assert sorted(path.name for path in tmp_path.glob("*")) == [".lock", "run_1", "run_2", "run_3"]
 
 
 def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
@@ -169,13 +219,13 @@ def test_all_seats_are_those_that_can_run_here(
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.missing_packages", lambda: ["rclpy"])
-    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.has_compiler", lambda: False)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.missing_compiler", lambda: "there is no C compiler here")
     outcome = segway_ecc("case-study", "--no-real-time", "--json", "--out", str(tmp_path))
 
     assert asked == [[Seat.OFFLINE, Seat.CAN]]
     assert outcome.errors[:2] == [
-        "segway-ecc: no ROS 2 here (no rclpy): the ros seat is left out",
-        "segway-ecc: no C compiler here (sudo apt-get install gcc): the submodel seat is left out",
+        "segway-ecc: the ros seat is left out: no ROS 2 here (no rclpy)",
+        "segway-ecc: the submodel seat is left out: there is no C compiler here",
     ]
 
 
@@ -228,6 +278,18 @@ def test_a_run_that_the_machine_spoiled_is_named_and_fails_nothing(can_study: Ca
     assert outcome.code == 0
     assert "1.500 2.250" in outcome.out
     assert "no result. can in real time failed" in outcome.out
+
+
+def test_a_table_in_real_time_that_the_machine_spoiled_is_named_and_fails_nothing(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = Study(list(thesis_cells()), [], [], [], [], {}, [], SPOILED)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", lambda *_: study)
+    outcome = segway_ecc("case-study", "--seat", "can", "--real-time", "--out", str(tmp_path))
+
+    assert outcome.code == 0
+    assert "The can seat in real time (1 m/s): no result. can in real time failed" in outcome.out
+    assert "The can seat did not run." in (tmp_path / "report.html").read_text("utf-8")
 
 
 def test_a_run_that_failed_on_a_machine_that_did_not_stall_is_an_error(can_study: Callable[..., Any]) -> None:

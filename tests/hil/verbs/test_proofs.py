@@ -1,24 +1,29 @@
 # SPDX-License-Identifier: MIT
+import argparse
 import importlib.util
 from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.verbs.proofs import has_figures, make_folder, writing_to
+from segway_ecc.hil.verbs.proofs import claims_out, has_figures, writing_to
 from segway_ecc.node.errors import ConfigurationError
 
 
+@claims_out
+def make_folder(options: argparse.Namespace) -> int:
+    return 3 if options.out is None or options.out.is_dir() else 0
+
+
 def test_a_folder_is_made_with_those_above_it_and_may_be_there(tmp_path: Path) -> None:
-    for _ in range(2):
-        make_folder(tmp_path / "a" / "b")
-    assert (tmp_path / "a" / "b").is_dir()
+    for out in (tmp_path / "a" / "b", tmp_path / "a" / "b", None):
+        assert make_folder(argparse.Namespace(out=out)) == 3
 
 
 def test_what_cannot_be_written_is_a_configuration_error(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     with pytest.raises(ConfigurationError, match=r"cannot write to .*: Not a directory; choose another --out"):
-        make_folder(file / "below")
+        make_folder(argparse.Namespace(out=file / "below"))
     with pytest.raises(ConfigurationError, match="choose another --out"), writing_to(tmp_path):
         (tmp_path / "not there" / "x").touch()
 

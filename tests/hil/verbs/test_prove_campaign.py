@@ -32,6 +32,7 @@ def test_a_campaign_as_expected_ends_with_0_and_writes_its_report(segway_ecc: Ru
     assert outcome.out.splitlines()[-1] == "2 of 2 runs as expected"
     assert outcome.errors[0] == f"segway-ecc: report in {out / 'campaign.html'}"
     assert (out / "campaign.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert "| `good` | cart-can | 2 | faults |" in (out / "failure-modes.md").read_text(encoding="utf-8")
     runs = json.loads((out / "campaign.json").read_bytes())["runs"]
     assert [run["seed"] for run in runs] == [0, 1]
     assert f"segway-ecc prove fault {good} --robot cart-can --seed 1" == runs[1]["command"]

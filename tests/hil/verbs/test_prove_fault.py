@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.campaign.scenario import packaged_scenarios
+from segway_ecc.hil.campaign.scenario import load_all
 
 Run = Callable[..., Any]
 
@@ -71,12 +71,11 @@ def test_seed_robot_and_parameters_can_be_given(segway_ecc: Run, scenario: str, 
     )
 
 
-def test_the_packages_scenarios_are_listed(segway_ecc: Run) -> None:
+def test_the_packages_scenarios_are_listed_with_their_cases(segway_ecc: Run) -> None:
     outcome = segway_ecc("prove", "fault", "--list")
-    assert [line.split()[0] for line in outcome.out.splitlines()] == packaged_scenarios()
-    assert [
-        entry["name"] for entry in json.loads(segway_ecc("prove", "fault", "--list", "--json").out)
-    ] == packaged_scenarios()
+    names = [name for name, _ in load_all([])]
+    assert [line.split()[0] for line in outcome.out.splitlines()] == names
+    assert [entry["name"] for entry in json.loads(segway_ecc("prove", "fault", "--list", "--json").out)] == names
 
 
 @pytest.mark.parametrize(
@@ -86,6 +85,8 @@ def test_the_packages_scenarios_are_listed(segway_ecc: Run) -> None:
         (("nowhere",), 2, "cannot read scenario 'nowhere'"),
         (("can-cut", "--seed", "-1"), 2, "--seed must not be negative"),
         (("can-cut", "--set", "Inertia=1"), 2, "must begin with model. or plant."),
+        (("can-cut", "--set", "plant.Inertia=1", "--set", "plant.Inertia=2"), 2, "--set names 'plant.Inertia' twice"),
+        (("can-cut", "--set", "plant.Inertia=1_0"), 2, "could not convert string to float: '1_0'"),
         (("can-cut", "--set", "plant.Inertia"), 2, "write plant.NAME=VALUE"),
         (("can-cut", "--set", "plant.Weight=1"), 3, "Weight"),
         (("can-cut", "--robot", "tank"), 2, "cannot read robot file 'tank'"),

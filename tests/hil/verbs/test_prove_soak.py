@@ -98,7 +98,7 @@ def test_a_robot_that_does_not_drive_proves_nothing(
 @pytest.mark.usefixtures("scripted")
 def test_the_report_has_every_sample_and_a_figure_of_each_part(tmp_path: Path) -> None:
     assert prove_soak.run(options("--out", str(tmp_path / "new"))) == 0
-    written = {path.name for path in (tmp_path / "new").iterdir()}
+    written = {path.name for path in (tmp_path / "new").glob("soak*")}
     assert written == {"soak.json", "soak-simulated.svg", "soak-real-time.svg"}
     document = json.loads((tmp_path / "new" / "soak.json").read_bytes())
     assert len(document["series"]["simulated"][0]["values"]) == 100

@@ -23,6 +23,19 @@ except KeyboardInterrupt:
 from segway_ecc.node.models.cart import Cart
 """
 
+IMPORTING = """
+import os, signal, sys
+
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == "segway_ecc.node.cli.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupting())
+from segway_ecc.node.cli.entry import main
+main()
+"""
+
 
 @pytest.fixture(autouse=True)
 def as_at_a_terminal() -> Iterator[None]:
@@ -61,3 +74,8 @@ def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Pa
     )
 
     assert (done.returncode, done.stdout) == (-signal.SIGINT, b"")
+
+
+def test_a_command_that_is_still_being_imported_ends_without_a_traceback() -> None:
+    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, timeout=60.0, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")

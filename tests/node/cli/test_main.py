@@ -145,6 +145,14 @@ def test_completion_without_shtab_names_the_remedy(segway_ecc: Run, monkeypatch:
         ("case-study", "--seat", "moon"),
         ("sequence",),
         ("sequence", "1", "0", "1", "--wait", "long"),
+        ("sequence", "1", "0", "1", "--wait", "nan"),
+        ("sequence", "1", "0", "1", "--wait=-inf"),
+        ("sequence", "1", "0", "1", "--node", "bad node"),
+        ("sequence", "1", "0", "1", "--node", "/"),
+        ("sequence", "1", "0", "1", "--namespace", "/robot 1"),
+        ("run", "cart", "--namespace", "1st"),
+        ("run", "cart", "--namespace", "/robot1/"),
+        ("run", "cart", "--namespace", "n" * 121),
     ],
     ids=" ".join,
 )
@@ -274,3 +282,9 @@ def test_what_needs_ros_ends_with_exit_code_5_where_there_is_none(words: list[st
     assert ended.returncode == 5
     assert line.startswith("segway-ecc: ROS 2 is not available here (no rclpy, ")
     assert "segway-ecc[ros]" in line
+
+
+def test_an_argument_that_is_no_text_is_refused(segway_ecc: Run) -> None:
+    outcome = segway_ecc("run", "cart", "--no-ros", "--log", "\udcff.mcap")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.errors == ["segway-ecc: an argument is not UTF-8 text: '\\udcff.mcap'; rename the file"]

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: MIT
 import argparse
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.node.cli.options import robot_file
+from segway_ecc.node.cli.options import drawing_file, output_file, robot_file
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 
@@ -38,3 +42,46 @@ def test_the_bus_and_the_line_of_the_command_line_are_taken() -> None:
 def test_what_the_robot_does_not_have_is_refused(robot: str, wanted: dict[str, str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         read(robot, **wanted)
+
+
+def test_a_file_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "old.csv").write_text("kept")
+
+    assert output_file(str(tmp_path / "new.csv")) == tmp_path / "new.csv"
+    assert output_file(str(tmp_path / "old.csv")).read_text() == "kept"
+    assert [path.name for path in tmp_path.iterdir()] == ["old.csv"]
+
+
+def test_a_pipe_is_not_opened_before_it_is_written(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+
+    assert output_file(str(tmp_path / "pipe")) == tmp_path / "pipe"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("sequence", "1", "0", "1", "--csv"),
+        ("log", "replay", "no.mcap", "--plot"),
+        ("model", "simulate", "no.Model", "--duration", "1", "--mcap"),
+    ],
+    ids=" ".join,
+)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_done(
+    segway_ecc: Callable[..., Any], words: tuple[str, ...]
+) -> None:
+    outcome = segway_ecc(*words, "/nowhere/x.png")
+
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.errors == ["segway-ecc: cannot write /nowhere/x.png: No such file or directory"]
+
+
+def test_a_drawing_in_a_format_that_there_is_not_is_refused_before(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"cannot draw .*x\.doc: the formats are .*png"):
+        drawing_file(str(tmp_path / "x.doc"))
+
+
+def test_without_the_drawing_library_a_drawing_is_refused_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    with pytest.raises(ConfigurationError, match="--plot needs a drawing library"):
+        drawing_file("x.png")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A bench with a model that does as a script says, for the tests of cycle and loop."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -62,7 +62,7 @@ def script() -> SimpleNamespace:
 def make_bench(script: SimpleNamespace) -> Callable[..., Bench]:
     """A bench with the probe behind one motor of at most 30 V."""
 
-    def make(**options: Any) -> Bench:
+    def make(*, rewired: Mapping[str, str] | None = None, **options: Any) -> Bench:
         hardware = RecordingHardware({"left.velocity": "rad/s"}, {"left.voltage": "V"}, (30.0,))
         wiring = {
             "Speed": "left.velocity",
@@ -70,6 +70,7 @@ def make_bench(script: SimpleNamespace) -> Callable[..., Bench]:
             "Angular": "setpoint.angular_velocity",
             "Voltage": "left.voltage",
             "X": "odometry.x",
+            **(rewired or {}),
         }
         return Bench(Probe(hardware.journal, script), hardware, wiring, **options)
 

@@ -10,6 +10,7 @@ import pytest
 from segway_ecc.node.cycle.cycle import BestEffortRecorder
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.safety.modes import Mode
@@ -31,6 +32,10 @@ class Disk:
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         del stamp_ns, statuses
         self.call("write_diagnostics")
+
+    def write_state(self, take: Callable[[], Snapshot]) -> None:
+        del take
+        self.call("write_state")
 
     def close(self) -> None:
         self.call("close")
@@ -57,7 +62,8 @@ ERRORS = [RecordingError("the disk is full"), OSError("the disk is full"), Value
 
 @pytest.mark.parametrize("error", ERRORS)
 @pytest.mark.parametrize(
-    "fails", [["write"], ["write_diagnostics"], ["close"], ["write", "write_diagnostics", "close"]]
+    "fails",
+    [["write"], ["write_diagnostics"], ["write_state"], ["close"], ["write", "write_diagnostics", "close"]],
 )
 def test_robot_drives_on_after_recorder_failure_and_logs_it_once(
     make_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture, error: Exception, fails: list[str]
@@ -76,14 +82,15 @@ def test_nothing_more_is_given_to_one_that_failed_but_it_is_closed(make_bench: C
     bench, disk = make_bench(), Disk(["write_diagnostics"], OSError("gone"))
     loop_with(bench, disk).run(cycles=250)
     writes = disk.calls.count("write")
-    assert disk.calls == ["write"] * writes + ["write_diagnostics", "close"]
+    assert disk.calls == ["write"] * writes + ["write_state", "write_diagnostics", "close"]
     assert 100 <= writes < 120, "the first diagnostics come after a second"
 
 
 def test_one_that_does_not_fail_is_given_everything(make_bench: Callable[..., Bench]) -> None:
     bench, disk = make_bench(), Disk([], OSError("gone"))
     loop_with(bench, disk).run(cycles=250)
-    assert (disk.calls.count("write"), disk.calls.count("write_diagnostics"), disk.calls[-1]) == (250, 2, "close")
+    assert [disk.calls.count(call) for call in ("write", "write_diagnostics", "write_state")] == [250, 2, 2]
+    assert disk.calls[-1] == "close"
 
 
 def test_what_ends_the_process_is_not_held_up() -> None:

@@ -165,7 +165,7 @@ def test_a_sensor_that_the_model_does_not_use_may_be_stale(bench: Bench) -> None
     # Wired for its own sake only: the model's one input is put on a set-point.
     spare = Sensors((0.0,), (9.0,), (False,))
     rewired = {"Speed": "setpoint.linear_velocity", "Voltage": "left.voltage"}
-    other = Bench(bench.cycle._model, bench.hardware, rewired)
+    other = Bench(bench.model, bench.hardware, rewired)
     other.hardware.measured = spare
     other.loop.run(cycles=3)
     assert modes(other) == [Mode.ARMED] * 3

@@ -14,7 +14,7 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import Method, SectionedModel
-from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
+from segway_ecc.node.safety.modes import ACTIVE, POSTURES, Action, Mode
 from segway_ecc.node.safety.settings import LateCyclesLimit, SafetySettings, StationSettings
 from segway_ecc.testing import Bench, RecordingHardware, ScriptedStage
 
@@ -30,7 +30,7 @@ SAFETY: Final = SafetySettings(
     max_command=MAX_COMMAND,
     command_slew=SLEW,
 )
-STATION: Final = StationSettings(timeout_s=0.2, disarm_after_s=0.4)
+STATION: Final = StationSettings(timeout_s=0.2, disarm_after_s=0.4, names=("base",))
 LOST: Final = "the base station is lost"
 WANTED: Final = st.sampled_from([-1e9, -9.0, -3.0, 0.0, 0.5, 3.0, 9.0, 1e9])
 
@@ -152,12 +152,18 @@ class Operation(RuleBasedStateMachine):
                 assert modes.reason != LOST
             else:
                 assert (self.mode, modes.reason) == (Mode.HOLD if cycle <= 40 else Mode.DISARMED, LOST)
+        if self.mode in ACTIVE and was_watched:  # it is back, or the robot disarms in the midst of another rule
+            self.beats = True
+            self.pass_cycle()
+            assert self.mode in ACTIVE
 
     @rule(action=st.sampled_from(Action))
     def operate(self, action: Action) -> None:
         was = self.mode
         self.ask(action)
-        if action is Action.STOP or (was is Mode.FAULT and action is not Action.CLEAR_FAULT):
+        if action in POSTURES:  # of a robot that has none
+            wanted = set(ACTIVE) if was in ACTIVE else {was}
+        elif action is Action.STOP or (was is Mode.FAULT and action is not Action.CLEAR_FAULT):
             wanted = {Mode.FAULT}
         elif action is Action.ARM or (action is Action.CLEAR_FAULT and was in ACTIVE):
             wanted = {Mode.ARMED, Mode.HOLD}
@@ -203,21 +209,18 @@ class Operation(RuleBasedStateMachine):
 
     @rule()
     def tilt_too_fast(self) -> None:
-        self.sensor_values[3] = 7.0
-        self.trouble()
+        for rate in (7.0, -7.0):  # and back: nine times 0.07 rad are a robot that lies, and must not arm
+            self.sensor_values[3] = rate
+            self.trouble()
         self.sensor_values[3] = 0.0
 
     @rule()
     def fall(self) -> None:
-        self.sensor_values[2:] = [0.0, 0.0, 0.0, -G, 0.0, 0.0]
-        self.valid = False  # lost on the way, so that the estimate begins anew
-        self.trouble()
-        self.valid = True
-        self.trouble()
-        self.sensor_values[2:] = [0.0, 0.0, 0.0, 0.0, 0.0, G]
-        self.valid = False
-        self.trouble()
-        self.valid = True
+        for up in ([-G, 0.0, 0.0], [0.0, 0.0, G]):
+            self.sensor_values[2:] = [0.0, 0.0, 0.0, *up]
+            for self.valid in (False, True):  # without the IMU for so long, the estimate begins anew, with as many
+                for _ in range(11):
+                    self.trouble()
 
     @rule()
     def lose_every_link(self) -> None:

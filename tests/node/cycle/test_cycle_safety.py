@@ -14,12 +14,18 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, UnknownNameError
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Action, Mode, Transition
-from segway_ecc.node.safety.settings import ChecklistSettings, FollowingErrorSettings, LateCyclesLimit, SafetySettings
+from segway_ecc.node.safety.settings import (
+    ChecklistSettings,
+    FollowingErrorSettings,
+    LateCyclesLimit,
+    OscillationLimit,
+    SafetySettings,
+)
 from segway_ecc.testing import Bench, RecordingHardware, ScriptedClock
 
 MS = 1_000_000
@@ -101,13 +107,13 @@ def test_a_tilt_beyond_its_limit_takes_the_torque_away_in_its_own_cycle(
     balancer: Callable[..., Bench], *, immediately: bool
 ) -> None:
     bench = balancer(quiet(tilt_limit_rad=0.5), immediately=immediately)
-    measure(bench, 3, sensors((0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 2.0 * G)))  # 0.6 rad in one period
-    measure(bench, 4, sensors(STILL))
-    bench.loop.run(cycles=8)
-    assert modes(bench) == [Mode.ARMED] * 3 + [Mode.FAULT] * 5
-    assert commands(bench) == [5.0] * 3 + [0.0] * 5
+    measure(bench, 13, sensors((0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 2.0 * G)))  # 0.6 rad in one period
+    measure(bench, 14, sensors(STILL))
+    bench.loop.run(cycles=18)
+    assert modes(bench) == [Mode.ARMED] * 13 + [Mode.FAULT] * 5
+    assert commands(bench) == [5.0] * 13 + [0.0] * 5
     assert bench.cycle.arming.modes.reason == "the body leans 0.54 rad, beyond 0.5 rad"
-    assert bench.cycle.arming.modes.history[-1] == Transition(3, Mode.FAULT, bench.cycle.arming.modes.reason)
+    assert bench.cycle.arming.modes.history[-1] == Transition(13, Mode.FAULT, bench.cycle.arming.modes.reason)
 
 
 def test_a_signal_that_only_safety_needs_is_a_fault_when_it_is_lost(balancer: Callable[..., Bench]) -> None:
@@ -139,7 +145,7 @@ def test_late_cycles_in_a_row_take_the_torque_away(balancer: Callable[..., Bench
     bench.clock.late_ns = dict.fromkeys(range(3, 6), 6 * MS)
     bench.loop.run(cycles=9)
     assert modes(bench).index(Mode.FAULT) == 5
-    assert bench.cycle.arming.modes.reason == "3 deadlines in a row were missed"
+    assert bench.cycle.arming.modes.reason == "3 deadlines in a row were missed, fewer than 3 are allowed"
 
 
 def test_deadlines_that_were_skipped_take_the_torque_away_in_the_cycle_after(balancer: Callable[..., Bench]) -> None:
@@ -163,6 +169,55 @@ def test_commands_keep_to_the_robot_s_own_limit_and_slew_rate_also_from_zero_at_
     # 1.5 N m per cycle, up to 4; a stop is zero at once; armed again it begins at zero.
     expected = [0.0, 0.0, 1.5, 3.0, 4.0, 4.0, 4.0, 2.5, 1.0, 0.0, 0.0, 1.5, 3.0, 4.0]
     assert commands(bench) == pytest.approx(expected)
+
+
+LIMITS = {"left.torque": 20.0}
+
+
+@pytest.mark.parametrize("immediately", [False, True])
+def test_an_output_beyond_its_limit_never_leaves(
+    balancer: Callable[..., Bench], script: SimpleNamespace, *, immediately: bool
+) -> None:
+    bench = balancer(quiet(output_limits=LIMITS), immediately=immediately)
+    script.outputs[3] = 1e308
+    bench.loop.run(cycles=6)
+    assert modes(bench) == [Mode.ARMED] * 3 + [Mode.FAULT] * 3
+    assert commands(bench) == [5.0] * 3 + [0.0] * 3
+    assert bench.loop.modes.reason == "the model gives left.torque 1e+308 N.m, allowed is -20 to 20 N.m"
+
+
+def test_a_command_that_oscillates_takes_the_torque_away(
+    balancer: Callable[..., Bench], script: SimpleNamespace
+) -> None:
+    bench = balancer(quiet(oscillation=OscillationLimit(amplitude=2.0, in_window=3)))
+    script.outputs |= {cycle: 18.0 * (-1.0) ** cycle for cycle in range(4, 20)}
+    bench.loop.run(cycles=10)
+    # It was 5 N m until cycle 3, so that the first change is that to the cycle with -18 N m.
+    assert modes(bench).index(Mode.FAULT) == 7
+    assert bench.loop.modes.reason.startswith("left.torque oscillates: it changed its sign 3 times within 0.2 s")
+
+
+def test_a_model_whose_outputs_are_absurd_is_started_anew_and_does_not_arm_until_they_are_not(
+    balancer: Callable[..., Bench], script: SimpleNamespace
+) -> None:
+    bench = balancer(quiet(output_limits=LIMITS), arm_at_start=False)
+    script.outputs |= dict.fromkeys(range(2, 6), 1e6)
+    bench.stage.send_request(4, Action.ARM)
+    bench.stage.send_request(8, Action.ARM)
+    bench.loop.run(cycles=10)
+    refused, armed = bench.stage.answers
+    assert refused.message == (
+        "model: the model gives left.torque 1e+06 N.m, allowed is -20 to 20 N.m; see its parameters and what it is "
+        "wired to"
+    )
+    assert armed.accepted
+    assert commands(bench) == [0.0] * 8 + [5.0] * 2
+    assert "arm" not in bench.hardware.journal[:4]
+
+
+def test_a_limit_of_what_the_model_does_not_give_is_refused_at_the_start(balancer: Callable[..., Bench]) -> None:
+    with pytest.raises(UnknownNameError, match=r"called 'right\.torque'; there is left\.torque$"):
+        balancer(quiet(output_limits={"right.torque": 1.0}))
 
 
 def test_lost_set_points_hold_and_do_not_cut(make_bench: Callable[..., Bench]) -> None:

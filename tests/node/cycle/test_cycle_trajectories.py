@@ -67,9 +67,19 @@ def test_what_is_refused_is_counted_and_reported_with_its_reason(bench: Bench) -
     bench.loop.run(cycles=5)
     assert set(setpoints(bench)) == {REST}
     assert bench.cycle.schedule.refused == {SetpointRefusal.MALFORMED: 1}
-    refused = bench.stage.reports[-1].refused_trajectory
-    assert refused is not None
+    (refused,) = filter(None, (report.refused_trajectory for report in bench.stage.reports))
     assert refused.reason == "its last point, which is its end, is not at rest"
+
+
+def test_each_of_several_that_are_refused_in_one_cycle_is_reported_once_and_in_order(bench: Bench) -> None:
+    for offset in range(3):
+        bench.stage.send_trajectory(2, Trajectory(FIRST_STAMP_NS + offset * PERIOD_NS, WHOLE.points[:2]))
+    bench.stage.send_trajectory(2, WHOLE)
+    bench.loop.run(cycles=9)
+    reported = [report.refused_trajectory for report in bench.stage.reports]
+    offsets = [each and (each.stamp_ns - FIRST_STAMP_NS) // PERIOD_NS for each in reported]
+    assert offsets == [None] * 3 + [0, 1, 2] + [None] * 3
+    assert bench.cycle.trajectories.status.state is TrajectoryState.DONE
 
 
 def test_a_cancelled_trajectory_brings_the_robot_to_rest_at_once(bench: Bench) -> None:
@@ -112,7 +122,7 @@ def test_a_robot_that_is_not_armed_refuses_it(make_bench: Callable[..., Bench]) 
 def test_a_base_station_that_is_lost_holds_and_the_rest_is_not_driven_when_it_is_back(
     make_bench: Callable[..., Bench],
 ) -> None:
-    bench = make_bench(station=StationSettings(timeout_s=0.02))
+    bench = make_bench(station=StationSettings(timeout_s=0.02, names=("base",)))
     for cycle in (0, 1, 2, 3, 8, 9, 10, 11):
         bench.stage.send_heartbeat(cycle)
     long = Trajectory(0, (TimedSetpoint(0, FAST), TimedSetpoint(100 * PERIOD_NS, REST)))

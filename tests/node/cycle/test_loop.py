@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.cycle.timing import LoopCounters
 from segway_ecc.node.model.sectioned import SectionedModel
@@ -198,6 +199,36 @@ def test_nothing_but_diagnostics_is_done_where_there_is_no_slack(bench: Bench) -
     bench.stage.costs_ns = dict.fromkeys(range(300), 9 * MS)
     bench.loop.run(cycles=300)
     assert bench.stage.looks == 0
+
+
+@pytest.mark.parametrize(
+    ("busy", "takes_ns", "expected"),
+    [
+        pytest.param(range(0), 0, [100, 200, 300], id="once a second"),
+        pytest.param(range(250), 0, [251, 300], id="later, where the cycles before leave no time"),
+        pytest.param(range(0), 7 * MS, [100, 200, 300], id="just beside a quarter of the period"),
+        pytest.param(range(0), 8 * MS, [], id="never, where it does not fit"),
+    ],
+)
+def test_a_snapshot_is_taken_only_where_it_fits_before_the_next_cycle(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, busy: range, takes_ns: int, expected: list[int]
+) -> None:
+    taken: list[int] = []
+
+    def write_state(take: Callable[[], Snapshot]) -> None:
+        taken.append(bench.loop.counters.cycles)
+        take()
+
+    def save_state() -> bytes:
+        bench.clock.spend(takes_ns)
+        return b""
+
+    monkeypatch.setattr(bench.recorder, "write_state", write_state)
+    monkeypatch.setattr(bench.model, "save_state", save_state, raising=False)
+    bench.stage.costs_ns = dict.fromkeys(busy, 9 * MS)
+    bench.loop.run(cycles=310)
+    assert taken == expected
+    assert bench.loop.counters.late == bench.loop.counters.overrun == 0
 
 
 def test_the_stage_looks_around_in_the_slack_only(bench: Bench) -> None:

@@ -9,6 +9,7 @@ import pytest
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ModelFailedError
+from segway_ecc.node.safety.modes import Mode
 from segway_ecc.testing import Bench
 
 WAY_OUT = ["disarm", "final", "close", "stage closed", "recorder closed"]
@@ -74,24 +75,85 @@ def test_nothing_is_sent_after_the_motors_are_off_on_the_way_out(bench: Bench) -
 
 def test_a_model_that_raises_while_running_leaves_the_motors_off(bench: Bench, script: SimpleNamespace) -> None:
     bench.clock.events[3] = lambda: script.raises.update(equations=ZeroDivisionError("flat wheel"))
-    text = r"^the model failed while running: ZeroDivisionError: flat wheel \(.*conftest\.py:\d+\)$"
+    text = r"^model 'probe' failed in cycle 3 while running: ZeroDivisionError: flat wheel \(.*conftest\.py:\d+\)$"
     with pytest.raises(ModelFailedError, match=text):
         bench.loop.run()
     assert way_out(bench) == WAY_OUT
     assert not bench.hardware.armed
     assert [record.y[0] for record in bench.recorder.records[:3]] != [0.0] * 3
     last = bench.recorder.records[3]
-    assert (last.cycle, list(last.commands)) == (3, [0.0])
-    assert [(answer.call, answer.reasons[0][:33]) for answer in last.answers] == [
-        ("model", "the model failed while running: Z")
+    assert (last.cycle, last.mode, list(last.commands)) == (3, Mode.FAULT, [0.0])
+    assert list(last.u) == [0.0], "what the model was given"
+    assert [(answer.call, answer.reasons[0][:49]) for answer in last.answers] == [
+        ("model", "model 'probe' failed in cycle 3 while running: Ze")
     ]
+    told = bench.stage.reports[-1]
+    assert (told.cycle, told.mode, told.is_zero, told.drives) == (4, Mode.FAULT, True, "unconfirmed")
+    assert told.reason == bench.loop.modes.reason == last.answers[0].reasons[0]
+
+
+@pytest.mark.parametrize("error", [SystemExit(0), RecursionError("too deep"), StopIteration(), GeneratorExit()])
+def test_whatever_a_model_raises_is_a_fault(bench: Bench, script: SimpleNamespace, error: BaseException) -> None:
+    bench.clock.events[3] = lambda: script.raises.update(equations=error)
+    with pytest.raises(
+        ModelFailedError, match=f"^model 'probe' failed in cycle 3 while running: {type(error).__name__}"
+    ):
+        bench.loop.run()
+    assert way_out(bench) == WAY_OUT
+    assert bench.recorder.records[-1].mode is bench.loop.modes.mode is Mode.FAULT
+
+
+def test_a_text_of_a_model_that_no_log_holds_is_recorded_with_an_escape(bench: Bench, script: SimpleNamespace) -> None:
+    bench.clock.events[3] = lambda: script.raises.update(equations=ValueError("half \ud800 of a pair"))
+    with pytest.raises(ModelFailedError, match=r"ValueError: half \\ud800 of a pair \("):
+        bench.loop.run()
+    assert bench.stage.reports[-1].reason.isascii()
+
+
+@pytest.mark.parametrize("outputs", [(), (1.0,), (1.0, 2.0, 3.0), (None, 1.0), ("a", 1.0), (1j, 0.0), (10**400, 0)])
+def test_outputs_that_are_not_as_many_numbers_as_declared_are_a_fault(
+    bench: Bench, script: SimpleNamespace, outputs: object
+) -> None:
+    script.outputs[3] = outputs
+    with pytest.raises(ModelFailedError, match=r"^model 'probe' failed in cycle 3 while running: "):
+        bench.loop.run(cycles=9)
+    assert way_out(bench) == WAY_OUT
+    assert bench.recorder.records[-1].mode is Mode.FAULT
+
+
+def test_a_variable_that_cannot_be_read_for_its_topic_is_a_fault(
+    make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench(rewired={"X": "topic.x"})
+
+    def read(_name: str) -> float:
+        raise LookupError("gone")
+
+    bench.clock.events[3] = lambda: monkeypatch.setattr(bench.model, "read", read)
+    with pytest.raises(
+        ModelFailedError, match=r"^model 'probe' failed in cycle 3 when 'X' was read: LookupError: gone"
+    ):
+        bench.loop.run(cycles=9)
+    assert way_out(bench) == WAY_OUT
+    assert bench.recorder.records[-1].mode is Mode.FAULT
+
+
+def test_final_equations_that_fail_after_the_model_did_do_not_hide_why_it_ended(
+    bench: Bench, script: SimpleNamespace, caplog: pytest.LogCaptureFixture
+) -> None:
+    script.raises["final"] = ValueError("no end")
+    bench.clock.events[3] = lambda: script.raises.update(equations=ZeroDivisionError("flat wheel"))
+    with pytest.raises(ModelFailedError, match="flat wheel"):
+        bench.loop.run()
+    assert way_out(bench) == WAY_OUT
+    assert "failed in cycle 3 in its final equations: ValueError: no end" in caplog.text
 
 
 def test_a_model_that_raises_at_its_end_does_so_with_the_motors_off_and_all_is_closed(
     bench: Bench, script: SimpleNamespace
 ) -> None:
     script.raises["final"] = ValueError("no end")
-    with pytest.raises(ModelFailedError, match=r"^the model failed in its final equations: ValueError: no end \("):
+    with pytest.raises(ModelFailedError, match=r"^model 'probe' failed in cycle 4 in its final .*: no end \("):
         bench.loop.run(cycles=5)
     assert way_out(bench) == WAY_OUT
 
@@ -100,12 +162,13 @@ def test_a_model_that_raises_at_its_start_never_runs_and_the_hardware_is_closed(
     bench: Bench, script: SimpleNamespace
 ) -> None:
     script.raises["initial"] = KeyError("Mass")
-    with pytest.raises(ModelFailedError, match=r"^the model failed in its initial equations: KeyError: 'Mass' \("):
+    with pytest.raises(ModelFailedError, match=r"^model 'probe' failed in its initial equations: KeyError: 'Mass' \("):
         bench.loop.run(cycles=5)
     # Closing the hardware disarms it; see `Hardware.close`.
-    assert bench.journal == ["open", "exchange", "initial", *AFTER_OPENING]
+    assert bench.journal == ["open", "exchange", "initial", "take", "final", *AFTER_OPENING]
     assert bench.hardware.sent == [(0.0,)]
-    assert bench.recorder.records == []
+    (last,) = bench.recorder.records
+    assert (last.mode, last.answers[0].call, last.initial) == (Mode.FAULT, "model", last.sensors)
 
 
 def test_hardware_that_does_not_open_ends_it_before_the_model_starts(bench: Bench) -> None:

@@ -10,7 +10,11 @@ from segway_ecc.node.cycle.report import DiagnosticReport
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.timing import Histogram, LoopCounters, TimeBase
+from segway_ecc.node.model.declared import declared_variables
+from segway_ecc.node.model.writer import VariableWriter
+from segway_ecc.node.models.cart import Cart
 from segway_ecc.node.safety.modes import Action
+from segway_ecc.node.safety.posture import Posture
 from segway_ecc.testing import RecordingHardware
 
 PERIOD = 10_000_000
@@ -20,8 +24,10 @@ PERIOD = 10_000_000
 class Observed:
     hardware: Hardware
     sensors: Sensors | None = field(default_factory=Sensors)
+    posture: Posture | None = None
     arming: ArmingManager = field(init=False)
     schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
+    writer: VariableWriter = field(default_factory=lambda: VariableWriter(Cart(), declared_variables(Cart())))
     time_base: TimeBase = field(default_factory=lambda: TimeBase(PERIOD))
     histograms: dict[str, Histogram] = field(
         default_factory=lambda: {name: Histogram() for name in ("lateness", "ros", "limit")}
@@ -158,6 +164,7 @@ def test_refused_set_points_are_counted_by_cause_and_warn_once(observed: Observe
     status = gather(report)["cart: set-points"]
     assert (status.level, status.message) == (Level.WARN, "3 refused since the last report")
     expected = {"applied": "1", "late": "1", "refused.not_armed": "1", "refused.not_finite": "2"}
+    expected |= {"parameters.written": "0", "parameters.refused": "0"}
     assert dict(status.values) == expected
     status = gather(report)["cart: set-points"]
     assert (status.level, status.message) == (Level.OK, "taken as they come")
@@ -179,6 +186,18 @@ def test_hardware_status_has_health_and_warns_of_refused_frames_once(
     assert dict(status.values) == hardware.health
     status = gather(report)["cart: hardware"]
     assert (status.level, status.message) == (Level.OK, "can0")
+
+
+def test_hardware_status_warns_of_new_gaps_and_of_a_guard_that_is_lost(
+    hardware: RecordingHardware, report: DiagnosticReport
+) -> None:
+    hardware.health = {"link": "can0", "board.gaps": "2", "imu.gaps": "1", "guard": "watches"}
+    status = gather(report)["cart: hardware"]
+    assert (status.level, status.message) == (Level.WARN, "3 gaps in telemetry since the last report")
+    hardware.health = {"link": "can0", "board.gaps": "2", "imu.gaps": "1", "guard": "lost"}
+    for _ in range(2):
+        status = gather(report)["cart: hardware"]
+        assert (status.level, status.message) == (Level.WARN, "the guard of this bus is lost")
 
 
 @pytest.mark.parametrize("name", ["link.state", "link.can.state"])

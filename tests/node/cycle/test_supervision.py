@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 
+import msgspec
 import pytest
 
 from segway_ecc.firmware_io.hardware import Sensors
@@ -14,7 +15,14 @@ from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.safety.settings import StationSettings
 from segway_ecc.testing import Bench, RecordingHardware
 
-STATION = StationSettings(timeout_s=0.5, sit_down_after_s=1.0, sit_down={"stand": 0.0}, disarm_after_s=2.0)
+STATION = StationSettings(
+    timeout_s=0.5,
+    sit_down_after_s=1.0,
+    sit_down={"stand": 0.0},
+    disarm_after_s=2.0,
+    names=("base", "base 0", "base 1", "base 2"),
+)
+OPEN = msgspec.structs.replace(STATION, names=())
 LOST = "the base station is lost"
 STAND = 0
 DRIVEN = Setpoint(1.0, 0.0)
@@ -151,6 +159,79 @@ def test_any_station_will_do() -> None:
         watched.stage.send_heartbeat(cycle, f"base {cycle // 40 % 2}", cycle)
     watched.run(300)
     assert watched.told == [(0, Mode.ARMED, "asked to arm")]
+
+
+def test_heartbeats_of_who_was_not_introduced_lead_to_nothing() -> None:
+    watched = Watched(OPEN)
+    watched.stage.send_heartbeat(0, "anybody")
+    watched.stage.send_heartbeat(100, "anybody")
+    watched.run(600)
+    assert watched.told == [(0, Mode.ARMED, "asked to arm")]
+    assert not any(report.is_introduced for report in watched.stage.reports)
+    assert watched.stage.reports[150].heartbeat == ("anybody", 0), "echoed all the same"
+
+
+def test_introduction_without_heartbeats_leads_to_nothing() -> None:
+    watched = Watched(OPEN)
+    watched.stage.introduce_station(10, "anybody")
+    watched.run(600)
+    assert watched.told == [(0, Mode.ARMED, "asked to arm")]
+
+
+def test_station_that_introduced_itself_is_missed() -> None:
+    watched = Watched(OPEN)
+    watched.beat(range(0, 101, 10))
+    watched.stage.introduce_station(50)
+    watched.run(200)
+    assert watched.told[1:] == [(151, Mode.HOLD, LOST)]
+    assert [report.is_introduced for report in watched.stage.reports[49:53]] == [False, False, True, True]
+
+
+def test_stranger_does_not_hide_that_the_station_is_lost() -> None:
+    watched = Watched(OPEN)
+    watched.stage.introduce_station(0)
+    watched.stage.send_heartbeat(0)
+    for cycle in range(0, 400, 10):
+        watched.stage.send_heartbeat(cycle + 1, "anybody")
+    watched.run(400)
+    assert [(cycle, mode) for cycle, mode, _ in watched.told[1:]] == [(51, Mode.HOLD), (201, Mode.DISARMED)]
+
+
+def test_introduction_of_another_takes_nothing_from_a_station_that_is_there(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    watched = Watched(OPEN)
+    watched.stage.introduce_station(0)
+    watched.beat(range(0, 300, 10))
+    for cycle in range(10, 300):
+        watched.stage.introduce_station(cycle, f"stranger {cycle}")
+        watched.stage.send_heartbeat(cycle, f"stranger {cycle}")
+    watched.run(300)
+    assert watched.told == [(0, Mode.ARMED, "asked to arm")]
+    logged = [each.getMessage() for each in caplog.records if "introduced" in each.getMessage()]
+    assert logged[0] == "base station 'base' is introduced: its heartbeats count"
+    assert "is not introduced: base, stranger 10" in logged[4]
+    assert len(logged) == 20
+
+
+def test_stations_that_the_robot_file_declares_are_the_only_ones(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    watched = Watched()
+    watched.stage.introduce_station(0, "anybody")
+    watched.stage.send_heartbeat(0, "anybody")
+    watched.run(600)
+    assert watched.told == [(0, Mode.ARMED, "asked to arm")]
+    refusal = "base station 'anybody' is not introduced: the robot file declares base, base 0, base 1, base 2"
+    assert refusal in [each.getMessage() for each in caplog.records]
+
+
+def test_introduction_ends_when_the_robot_was_disarmed_and_the_station_gone() -> None:
+    watched = Watched(OPEN)
+    watched.stage.introduce_station(0)
+    watched.stage.send_heartbeat(0)
+    watched.stage.send_request(300, Action.ARM)
+    watched.stage.send_heartbeat(310)
+    watched.run(900)
+    assert watched.told[2:] == [(201, Mode.DISARMED, LOST), (300, Mode.ARMED, "asked to arm")]
 
 
 def test_a_fault_is_more_severe() -> None:

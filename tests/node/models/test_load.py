@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: MIT
+import sys
+from pathlib import Path
+
 import pytest
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
@@ -51,3 +54,20 @@ def test_a_parameter_that_the_model_lacks_is_refused_with_those_it_has() -> None
 def test_what_is_named_but_is_no_class_is_refused() -> None:
     with pytest.raises(ModelError, match=r"module segway_ecc.node.models.cart has no class STEP_SIZE$"):
         load_model("segway_ecc.node.models.cart:STEP_SIZE")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+        ("raise SystemExit(0)", "SystemExit: 0"),
+        ("class Tank:\n    def __init__(self, parameters):\n        exit(0)", "SystemExit: 0"),
+    ],
+)
+def test_whatever_a_model_raises_when_it_is_loaded_is_the_reason(tmp_path: Path, text: str, reason: str) -> None:
+    (tmp_path / "raising_tank.py").write_text(text, "utf-8")
+    try:
+        with pytest.raises(ModelError, match=rf"^cannot load model '.*raising_tank:Tank': {reason} \(.+:\d+\)$"):
+            load_model(f"{tmp_path}/raising_tank:Tank")
+    finally:
+        sys.modules.pop("raising_tank", None)

@@ -94,3 +94,49 @@ def test_a_plain_char_has_a_sign(
     monkeypatch.setattr(native_compile, "SAME_BITS", flags)
     source = "int main(void) { volatile char boolean = -1; return boolean != -1; }"
     assert emulated(compile_for_arm64(monkeypatch, tmp_path / "sign", source)).returncode == exit_code
+
+
+DRAWING = """
+#include <stdlib.h>
+#include <time.h>
+double draw(void) {
+    static int (*volatile drawn)(void) = rand;
+    double sum = drawn(); /* one after the other: within an expression any order is allowed */
+    sum = 0.7 * sum + rand();
+    sum = 0.7 * sum + random();
+    return sum + drand48() + time(NULL);
+}
+"""
+BINDING = f"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "{Path(native_compile.__file__).with_name("fmu")}/own_functions.h"
+int main(int count, char **arguments) {{
+    void *library = dlopen(arguments[1], RTLD_NOW | RTLD_LOCAL);
+    double (*draw)(void) = library ? dlsym(library, "draw") : NULL;
+    if (!draw || use_own_functions(library) != 0)
+        return 1;
+    ecc_time = 3.0;
+    printf("%a\\n", draw());
+}}
+"""
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("flags", [("-Wl,-z,now", "-Wl,-z,relro"), ("-Wl,-z,lazy",), ("-fno-plt",)])
+def test_a_library_draws_the_shims_numbers_on_both_processors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flags: tuple[str, ...]
+) -> None:
+    found = []
+    for compiler, before in ((None, ()), ("aarch64-linux-gnu-gcc", ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"))):
+        if compiler:
+            monkeypatch.setenv("CC", compiler)
+        library, program = tmp_path / f"{compiler}.so", tmp_path / f"{compiler}"
+        compile_c(["-shared", "-fPIC", *flags, "-x", "c", "-", "-o", str(library)], "a library", DRAWING.encode())
+        compile_c(["-w", "-x", "c", "-", "-o", str(program), "-ldl"], "a program", BINDING.encode())
+        found += [subprocess.run([*before, program, library], check=True, capture_output=True, text=True).stdout]
+    assert found[0] == found[1] != ""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.compile import cached, digest, find_compiler
+from segway_ecc.node.native.compile import cached, digest, find_compiler, missing_compiler
 
 
 def fill(draft: Path) -> None:
@@ -91,3 +91,19 @@ def test_a_variable_names_the_compiler_with_its_options(
     assert Path(compiler).name == "gcc"
     # The last one decides.
     assert options == ["-ffp-contract=fast", "-ffp-contract=off", "-fsigned-char"]
+
+
+def test_whatever_compiler_there_is_counts_and_its_absence_is_named_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    assert missing_compiler() == "there is no C compiler here: sudo apt install gcc libc6-dev"
+
+    for name in ("clang", "my-cc"):
+        (tmp_path / name).touch(0o755)
+    assert missing_compiler() is None
+    monkeypatch.setenv("CC", "my-cc -O1")
+    assert missing_compiler() is None
+    monkeypatch.setenv("CC", "none-of-these")
+    assert missing_compiler() == "there is no compiler none-of-these, which the variable CC names: install it"

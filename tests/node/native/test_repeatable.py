@@ -1,37 +1,18 @@
 # SPDX-License-Identifier: MIT
 """A second instance, a second start and another process compute the same, random numbers included."""
 
-import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from segway_ecc.node.native.load import load_native
-from tests.fixtures.tiny_fmu import make as tiny
+from tests.fixtures.noisy import DRAWS, noisy, packed_binary
 from tests.fixtures.twenty_sim.maker import Maker
-from tests.fixtures.twenty_sim.spec import Quantity, Spec, section
 
-NOISY = Spec(
-    name="Noisy",
-    method="Euler",
-    step_size=0.25,
-    finish_time=8.0,
-    inputs=(Quantity("in"),),
-    outputs=(Quantity("out"),),
-    output=section("{out} = {in} + noise ({in})"),
-)
 SHAPES = pytest.mark.parametrize("shape", ["submodel", "cpp_class", "partial", "fmu"])
-INCLUDES = "#include <math.h>\n#include <stdlib.h>\n#include <time.h>\n"
-DRAWS = """
-    static double last = 0.1;
-    double drawn = rand() / 2147483647.0 + random() / 2147483647.0 + drand48() + lrand48() / 3e9 + mrand48() / 3e9;
-    if (time(NULL) == 1)
-        srand(rand()), srandom(random()), srand48(lrand48());
-    last = 3.9 * last * (1.0 - last);
-    return last + drawn;
-"""
 RUNS = """
 import ctypes, sys
 from pathlib import Path
@@ -54,29 +35,13 @@ def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "compiled"))
 
 
-def noisy(make: Maker, folder: Path, shape: str, body: str) -> Path:
-    """A model whose values depend on `noise(t)`, a function of the user's own in a file of its own."""
-    text = f"{INCLUDES}double noise(double t);\ndouble noise(double t) {{ (void) t; {body} }}\n"
-    if shape == "fmu":
-        sources = tiny.sources(tiny.Shape.FMI3)
-        sources["sources/xxmodel.c"] = b"#define RATE_OF_TIME noise\n" + sources["sources/xxmodel.c"]
-        sources["sources/noise.c"] = text.encode()
-        return tiny.packed(folder, tiny.Shape.FMI3, {"binaries/x86_64-linux/tiny.so": None, **sources})
-    path = shutil.copytree(getattr(make, shape)(NOISY).path, folder / "noisy")
-    ending = "cpp" if shape == "cpp_class" else "c"
-    (path / f"noise.{ending}").write_text(text, encoding="utf-8")
-    file = path / ("Noisy.cpp" if shape == "cpp_class" else "xxmodel.c")
-    file.write_text(f"double noise(double t);\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
-    return path
-
-
 def outputs(path: Path, seed: int = 1) -> list[str]:
     """The first output at nine moments, from a process of its own, once all its instances and starts agree."""
     words = [sys.executable, "-P", "-c", RUNS, str(path), str(seed)]
     return subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
 
 
-@SHAPES
+@pytest.mark.parametrize("shape", ["submodel", "cpp_class", "partial", "fmu", "binary"])
 def test_every_instance_start_and_process_draws_the_same(make: Maker, tmp_path: Path, shape: str) -> None:
     path = noisy(make, tmp_path, shape, DRAWS)
     found = outputs(path)
@@ -104,6 +69,14 @@ def test_a_function_of_the_models_own_is_the_one_it_calls(make: Maker, tmp_path:
     assert load_native(path).initialize([0.0]) == [7.0]
 
 
+def test_a_random_of_the_models_own_leaves_rand_as_it_is(make: Maker, tmp_path: Path) -> None:
+    draws = "static int is_seeded; if (!is_seeded) srand(5); is_seeded = 1; return rand();"
+    plain, own = (noisy(make, tmp_path / name, "submodel", draws) for name in ("plain", "own"))
+    with (own / "noise.c").open("a", encoding="utf-8") as file:
+        file.write("long random(void) { return 7; }\nvoid srandom(unsigned seed) { (void) seed; }\n")
+    assert load_native(own).initialize([0.0]) == load_native(plain).initialize([0.0]) != [7.0]
+
+
 OWNING = """#include <vector>
 static std::vector<double> everywhere(10, 2.0);
 double noise(double t);
@@ -125,6 +98,10 @@ def test_objects_that_own_memory_are_made_anew_at_each_start(make: Maker, tmp_pa
     assert outputs(path)[:2] == [first.hex(), (2100 + 3.0 + 2010 / 1e6).hex()]
 
 
+OUTSIDE = """
+    unsigned seed = (unsigned) getpid();
+    return rand_r(&seed) + (getenv("HOME") != NULL) + syscall(1000);
+"""
 CLOCK = "struct timespec now; clock_gettime(CLOCK_REALTIME, &now); return clock() + now.tv_nsec;"
 DEVICE = "return std::chrono::system_clock::now().time_since_epoch().count() + std::random_device()();"
 REST = (
@@ -135,7 +112,11 @@ REST = (
 
 @pytest.mark.parametrize(
     ("shape", "body", "names"),
-    [("submodel", CLOCK, "clock, clock_gettime"), ("cpp_class", DEVICE, "chrono, random_device")],
+    [
+        ("submodel", CLOCK, "clock, clock_gettime"),
+        ("submodel", OUTSIDE, "getenv, getpid, rand_r, syscall"),
+        ("cpp_class", DEVICE, "chrono, random_device"),
+    ],
 )
 def test_what_cannot_be_repeated_is_warned_of(make: Maker, tmp_path: Path, shape: str, body: str, names: str) -> None:
     path = noisy(make, tmp_path, shape, body)
@@ -144,9 +125,24 @@ def test_what_cannot_be_repeated_is_warned_of(make: Maker, tmp_path: Path, shape
     assert load_native(path).description.warnings == (f"it calls {names}, {REST}",)
 
 
-def test_an_fmus_own_library_that_draws_from_the_processs_numbers_is_warned_of(tmp_path: Path) -> None:
-    (tmp_path / "noise.h").write_text(f"{INCLUDES}double noise(double t) {{ return rand() + time(NULL) + t; }}\n")
-    flags = ["-include", str(tmp_path / "noise.h"), "-DRATE_OF_TIME=noise"]
-    library = tiny.compile_model(tiny.Shape.FMI3, tmp_path / "noisy.so", *flags)
-    path = tiny.packed(tmp_path, tiny.Shape.FMI3, {"binaries/x86_64-linux/tiny.so": library.read_bytes()})
-    assert load_native(path).description.warnings == (f"it calls rand, time, {REST}",)
+LINKED = {
+    "lazily": ["-Wl,-z,lazy", "-Wl,-z,norelro"],
+    "read-only": ["-Wl,-z,now", "-Wl,-z,relro"],
+    "without a procedure linkage table": ["-fno-plt"],
+}
+
+
+@pytest.mark.parametrize("flags", LINKED.values(), ids=LINKED)
+def test_a_binary_fmu_draws_its_own_numbers_however_it_is_linked(
+    make: Maker, tmp_path: Path, flags: Sequence[str]
+) -> None:
+    body = "static int (*volatile drawn)(void) = rand; int one = drawn(); return one + rand() / 4e9 + time(NULL);"
+    (tmp_path / "sources").mkdir()
+    expected = outputs(noisy(make, tmp_path / "sources", "fmu", body))
+    assert outputs(packed_binary(tmp_path, body, *flags), seed=5) == expected
+
+
+def test_what_a_binary_fmu_cannot_repeat_is_warned_of(tmp_path: Path) -> None:
+    body = "unsigned char bytes[1]; getentropy(bytes, 1); return rand() + time(NULL) + bytes[0] + clock();"
+    path = packed_binary(tmp_path, body, "-D_DEFAULT_SOURCE", "-include", "unistd.h")
+    assert load_native(path).description.warnings == (f"it calls clock, getentropy, {REST}",)

@@ -17,6 +17,7 @@ from segway_ecc.node.cycle.interfaces import (
     HardwareAnswer,
     Heartbeat,
     Inbox,
+    PostureChange,
     Request,
     SetValue,
     StampedSetpoint,
@@ -38,6 +39,7 @@ from segway_ecc.node.recording.codec import (
 from segway_ecc.node.recording.cycle_message import stamp_of
 from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.node.safety.posture import Posture
 
 SNAPSHOT = {"values", "ages", "valid", "faults", "ready", "events", "off"}
 int64 = st.integers(-(2**63), 2**63 - 1)
@@ -140,12 +142,15 @@ def all_that_can_happen() -> CycleRecord:
         requests=[Request(Action.ARM, lambda _: None)],
         written=[Written("Gain", -0.0)],
         stations=[Heartbeat("caf\u00e9", 2**62)],
+        introductions=["caf\u00e9"],
         trajectories=[Trajectory(7, (TimedSetpoint(0, Setpoint(0.1, 0.2)), TimedSetpoint(2**40, Setpoint(0.0, 0.0))))],
     )
     sensors = Sensors((), (), (), ("left is hot",), ready=False, events=("serial took over",), off=False)
     initial = Sensors((1.5,), (math.inf,), (False,))
-    record = replace(EMPTY, inbox=inbox, sensors=sensors, initial=initial, answers=[HardwareAnswer("arm", ("no",))])
-    assert all(getattr(inbox, name) for name in Inbox.__struct_fields__)
+    fallen = PostureChange(Posture.FALLEN, "it leans")
+    answers = [HardwareAnswer("arm", ("no",))]
+    record = replace(EMPTY, inbox=inbox, sensors=sensors, initial=initial, answers=answers, posture=fallen)
+    assert all(getattr(inbox, name) for name in Inbox.__struct_fields__ if name != "writes")  # recorded as written
     assert all(astuple(record)[12:])
     return record
 

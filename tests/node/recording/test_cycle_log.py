@@ -154,7 +154,7 @@ def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: CycleLayou
     assert (status.level, status.name, status.message) == (1, "board", "warm")
     assert [(pair.key, pair.value) for pair in status.values] == [("temperature", "81")]
     assert attachments.pop("robot.yaml") == b"name: testbot"
-    assert list(attachments) == ["layout.json"]
+    assert list(attachments) == ["part.json", "layout.json", "end.json"]
     assert msgspec.json.decode(attachments["layout.json"], type=CycleLayout) == layout
     assert metadata.pop("channel 1")["topic"] == "/diagnostics"
     assert metadata == {"robot": {"name": "testbot"}, "model": {"sha256": "12"}, **surroundings()}
@@ -167,6 +167,7 @@ class Keeper:
         self.records: list[CycleRecord] = []
         self._log = log
         self.write_diagnostics = log.write_diagnostics
+        self.write_state = log.write_state
         self.close = log.close
 
     def write(self, record: CycleRecord) -> None:

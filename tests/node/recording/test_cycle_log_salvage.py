@@ -136,7 +136,7 @@ def test_each_byte_of_a_log_that_flips_is_reported_and_costs_one_chunk_at_most(
         stamps = [message.log_time for topic, message in salvage.messages() if topic == "/cycle"]
         assert not salvage.is_whole, place
         assert len(stamps) >= SMALL_EVERY, place
-        assert {"robot.json", "layout.json"} == set(salvage.attachments), place
+        assert {"part.json", "robot.json", "layout.json", "end.json"} == set(salvage.attachments), place
     assert len(whole) > SMALL_EVERY
 
 

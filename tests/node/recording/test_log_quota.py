@@ -8,7 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.node.recording.log_quota import LogQuota, lock_log, part_path, part_paths, remove_oldest_logs
+from segway_ecc.node.recording.log_quota import (
+    LogQuota,
+    following_parts,
+    lock_log,
+    part_path,
+    part_paths,
+    remove_oldest_logs,
+)
 
 
 def log(folder: Path, name: str, size: int, age: int) -> Path:
@@ -100,3 +107,21 @@ def test_a_look_that_removes_nothing_interns_no_name(tmp_path: Path, monkeypatch
     monkeypatch.undo()
 
     assert found == []
+
+
+@pytest.mark.parametrize(
+    ("name", "behind"),
+    [
+        ("run-0002.mcap", ["run-0003.mcap", "run-0010.mcap"]),
+        ("run-0010.mcap", []),
+        ("run.mcap", []),
+        ("run-x.mcap", []),
+        ("log", []),
+        ("-7", []),
+    ],
+)
+def test_the_parts_behind_a_later_one_are_found_without_the_first(tmp_path: Path, name: str, behind: list[str]) -> None:
+    for there in ("run-0002.mcap", "run-0003.mcap", "run-0010.mcap", "run-x.mcap", "other-0004.mcap", "log", "-7"):
+        (tmp_path / there).touch()
+
+    assert [path.name for path in following_parts(tmp_path / name)] == behind

@@ -27,7 +27,7 @@ from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
-from segway_ecc.node.recording.layout import CycleLayout, Provenance, layout_of
+from segway_ecc.node.recording.layout import END_FILE, CycleLayout, Provenance, layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.robot import build_robot
@@ -267,6 +267,7 @@ def test_a_disk_that_is_full_holds_nothing_up_and_the_log_goes_on_when_there_is_
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     recorder = ProcessRecorder(path, layout)  # here, so that the writer's output is captured
+    wait_for(lambda: path.stat().st_size > 1000)  # it has begun the first file
     # The kernel refuses to let the writer's files grow beyond this; it sends SIGXFSZ, which Python ignores.
     _, hard = resource.prlimit(recorder._process.pid, resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
     for cycle in range(300):
@@ -406,6 +407,7 @@ def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layou
 
     assert node.returncode == -signal.SIGKILL
     assert logged(path) == [0.5 + cycle for cycle in range(100)]
+    assert END_FILE not in Salvage(path).attachments
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -427,3 +429,13 @@ def test_a_signal_to_the_whole_process_group_leaves_a_finished_log(path: Path, n
     assert node.returncode == 0
     assert errors.splitlines() == [f"segway-ecc: stopped: {number.name}"]
     assert len(logged(path)) == json.loads(out)["cycles"]
+    assert END_FILE in Salvage(path).attachments
+
+
+def test_a_log_is_not_begun_where_later_files_of_another_are(path: Path, layout: CycleLayout) -> None:
+    path.write_bytes(b"the first file")
+    path.with_name("run-0002.mcap").write_bytes(b"the second")
+
+    with pytest.raises(RecordingError, match=r"cannot write the log .*run\.mcap: run-0002\.mcap, .* is there"):
+        ProcessRecorder(path, layout)
+    assert path.read_bytes() == b"the first file"

@@ -7,13 +7,14 @@ import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 from mcap.reader import make_reader
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.codec import CYCLE, CycleCodec, RecorderSettings
-from segway_ecc.node.recording.layout import CycleLayout, Provenance
+from segway_ecc.node.recording.layout import CycleLayout, LogPart, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
 from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.recording.writer import BoundedLog
@@ -74,11 +75,17 @@ def test_a_long_run_is_in_files_that_each_stand_alone(
 
     assert [found.name for found in files[:2]] == ["run.mcap", "run-0002.mcap"]
     assert len(files) > 3
+    parts = []
     assert [cycle for found in files for cycle in cycles(found)] == list(range(600))
     for found in files:
         with found.open("rb") as stream:
             reader = make_reader(stream, validate_crcs=True)
-            assert {attached.name for attached in reader.iter_attachments()} == {"layout.json", "robot.json"}
+            attached = {attached.name: attached.data for attached in reader.iter_attachments()}
+        assert attached.keys() - {"end.json"} == {"layout.json", "robot.json", "part.json"}
+        parts.append(msgspec.json.decode(attached["part.json"], type=LogPart))
+        assert attached.get("end.json") == (attached["part.json"] if found == files[-1] else None)
+    assert [part.number for part in parts] == list(range(1, len(files) + 1))
+    assert len({part.run for part in parts}) == 1
     assert messages == []
 
 

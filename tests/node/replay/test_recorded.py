@@ -38,7 +38,7 @@ def scripted(actuate: str = "next_cycle") -> tuple[Robot, RecordingHardware, Scr
     file: RobotFile = msgspec.structs.replace(load_robot("cart-can"), actuate=actuate, arming="on_request")
     real = build_robot(file, LockstepRig(500_000))
     hardware = RecordingHardware(real.hardware.signals, real.hardware.commands, real.hardware.limits)
-    hardware.measured = Sensors((0.0, 0.5, 0.0, 0.25, 24.0), (0.001,) * 5, (True,) * 5)
+    hardware.measured = Sensors((0.0, 0.5, 0.0, 0.25, 36.0), (0.001,) * 5, (True,) * 5)
     clock = ScriptedClock()
     return Robot(file, real.model, hardware, wire(real.model, hardware, file.wiring), clock), hardware, clock
 

@@ -145,6 +145,10 @@ class ForeignNode:
         """Wait until a node is seen."""
         return self._spin_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
 
+    def wait_for_publishers(self, topic: str, count: int) -> Any:
+        """Wait until a topic has that many publishers."""
+        return self._spin_until(lambda: self.node.count_publishers(topic) == count)
+
     def listen(self, topic: str) -> Any:
         """Receive a topic from now on."""
         if topic not in self.listening:
@@ -201,9 +205,11 @@ class ForeignNode:
         return True
 
     def describe_parameter(self, node: str, name: str) -> Any:
-        """The text of a parameter's descriptor."""
+        """A parameter's descriptor: its text, whether it is read only, its range and when it is taken."""
         answer = self._ask(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=[name]))
-        return [answer.descriptors[0].description, answer.descriptors[0].read_only]
+        found = answer.descriptors[0]
+        bounds = [[each.from_value, each.to_value] for each in found.floating_point_range]
+        return [found.description, found.read_only, bounds, found.additional_constraints]
 
     def get_parameter(self, node: str, name: str) -> Any:
         """A parameter's value."""

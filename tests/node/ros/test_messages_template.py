@@ -2,6 +2,7 @@
 """Bytes that ROS itself must read as what was filled in."""
 
 import importlib
+import itertools
 import math
 from typing import Any
 
@@ -45,6 +46,21 @@ def test_places_in_sequences_of_a_known_length() -> None:
     message = kind(name=["a", "bcd"], position=[0.0, 0.0])
     filled = read(Template(message, ("position.0", "d"), ("position.1", "d")).filled(1.0, 2.0), kind)
     assert (list(filled.name), list(filled.position), list(filled.velocity)) == (["a", "bcd"], [1.0, 2.0], [])
+
+
+def test_what_aligns_the_fields_may_differ_from_time_to_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    serialization, times = importlib.import_module("rclpy.serialization"), itertools.count(1)
+    serialize = serialization.serialize_message
+
+    def with_any_bytes_between(message: Any) -> bytes:
+        raw = bytearray(serialize(message))
+        raw[17] = next(times)  # behind the frame's empty name, which takes five bytes of eight
+        return bytes(raw)
+
+    monkeypatch.setattr(serialization, "serialize_message", with_any_bytes_between)
+    kind = message_type("sensor_msgs/msg/JointState")
+    filled = read(Template(kind(position=[0.0]), ("position.0", "d")).filled(1.5), kind)
+    assert list(filled.position) == [1.5]
 
 
 def test_too_few_values_are_refused() -> None:

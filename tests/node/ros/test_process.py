@@ -82,6 +82,77 @@ print(requests, looks, first > 10, second - first, third - second)
 """
 
 
+LEAVING = """
+import contextlib, time, types
+from segway_ecc.node.cycle.interfaces import Inbox
+from segway_ecc.node.ring import open_ring
+from segway_ecc.node.ros import process
+
+process._LEAVES_S = 1
+
+
+@contextlib.contextmanager
+def ros_node(*_, **__):
+    yield None
+    time.sleep(1000.0)
+
+
+class Stage:
+    overrides, strangers = {}, ()
+
+    def __init__(self, *_):
+        pass
+
+    def take_messages(self, ready):
+        return Inbox()
+
+    def serve_parameters(self, ready):
+        pass
+
+    def do_background_work(self):
+        pass
+
+    def update_subscribed_topics(self):
+        return False
+
+
+class WaitSet(Stage):
+    def wait(self, timeout_s):
+        time.sleep(0.01)
+        return []
+
+    def wake(self):
+        pass
+
+    def close(self):
+        pass
+
+
+process.ros_node, process.RosStage, process.WaitSet = ros_node, Stage, WaitSet
+ros = types.SimpleNamespace(node_name="model")
+settings = types.SimpleNamespace(
+    inboxes=open_ring(4), reports=open_ring(4), period_ns=10**7, ros=ros, namespace="", ros_arguments=()
+)
+process.run_ros(settings, 0)
+"""
+
+
+@pytest.mark.parametrize("has_reader", [True, False], ids=["started", "the loop's process ended while ROS started"])
+def test_a_process_that_cannot_leave_ros_ends_in_time_and_without_a_word(has_reader: bool) -> None:  # noqa: FBT001 - a case
+    read, write = os.pipe()
+    if not has_reader:
+        os.close(read)
+    with subprocess.Popen(
+        [sys.executable, "-c", LEAVING], stdin=subprocess.DEVNULL, stdout=write, stderr=subprocess.PIPE
+    ) as process:
+        os.close(write)
+        _, errors = process.communicate(timeout=60.0)
+    assert (process.returncode, errors) == (1, b"")
+    if has_reader:
+        with os.fdopen(read, "rb") as printed:
+            assert printed.read() == b"ready {}\n"
+
+
 @pytest.mark.parametrize("hang", ["time.sleep(1000.0)", "ctypes.PyDLL(None).sleep(1000)"])
 def test_process_ends_itself_where_dds_hangs_even_with_the_interpreter_locked(hang: str) -> None:
     code = HANGING.replace("HANG\n", f"{hang}\n")

@@ -168,7 +168,7 @@ def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) 
 
     def write() -> None:
         try:
-            subscriptions.write("Track", 0.5)
+            subscriptions.write([("Track", 0.5)])
         except ModelError as error:
             answers.put(str(error))
         else:
@@ -179,7 +179,7 @@ def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) 
     while (taken := loop.take_message()) is None:
         pass
     asked = decode_write_request(taken[1])
-    assert (taken[0], asked.name, asked.value) == (ToLoop.WRITE, "Track", 0.5)
+    assert (taken[0], asked.values) == (ToLoop.WRITE, (("Track", 0.5),))
     for each in done:
         subscriptions.write_results.put(each._replace(number=asked.number + each.number))
     thread.join()

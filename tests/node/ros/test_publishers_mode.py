@@ -11,6 +11,7 @@ from segway_ecc.deploy.station.robot_messages import decode_mode
 from segway_ecc.node.cycle.interfaces import Heartbeat, Report
 from segway_ecc.node.ros.publishers import make_mode_publisher
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.posture import Posture
 
 pytestmark = pytest.mark.ros
 
@@ -67,7 +68,9 @@ def test_every_field_is_published_as_text(listener: Listener) -> None:
             "zero": "false",
             "heartbeat": "",
             "heartbeat_age_ms": "",
+            "introduced": "",
             "stand": "1.0",
+            "posture": "",
         }
     ]
 
@@ -92,6 +95,15 @@ def test_a_robot_that_cannot_stand_publishes_no_stand_value() -> None:
     assert listener.received[0]["stand"] == ""
 
 
+def test_the_posture_is_published_beside_the_mode(listener: Listener) -> None:
+    listener.publish(replace(ARMED, mode=Mode.FAULT, posture=Posture.FALLEN, reason="it leans"))
+    assert listener.received[0]["posture"] == "FALLEN"
+    assert listener.head[2] == "FAULT, FALLEN: it leans"
+    received = decode_mode(listener.head[1], listener.received[0])
+    assert received is not None
+    assert received.posture is Posture.FALLEN
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -101,6 +113,7 @@ def test_a_robot_that_cannot_stand_publishes_no_stand_value() -> None:
         {"drives": "unconfirmed"},
         {"is_zero": True},
         {"set_values": (7.0, 0.0)},
+        {"posture": Posture.BALANCING},
     ],
 )
 def test_a_change_is_published_at_once_and_once(listener: Listener, change: dict[str, Any]) -> None:
@@ -151,6 +164,7 @@ def test_the_base_station_decodes_the_robots_mode(listener: Listener) -> None:
         is_zero=True,
         heartbeat=Heartbeat("base 1", 42),
         heartbeat_age_ns=5 * MS,
+        is_introduced=True,
     )
     listener.publish(fault)
     received = decode_mode(listener.head[1], listener.received[0])
@@ -160,4 +174,4 @@ def test_the_base_station_decodes_the_robots_mode(listener: Listener) -> None:
     unconfirmed = decode_mode(listener.head[1], listener.received[1])
     assert unconfirmed == received._replace(drives="unconfirmed")
     assert not unconfirmed.is_stopped
-    assert received == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, 1.0)
+    assert received == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, True, None, False)

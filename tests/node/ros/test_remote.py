@@ -2,9 +2,13 @@
 """The loop's side of ROS, with its process: it never waits, and counts what was lost."""
 
 import os
+import re
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import IO
 
 import pytest
 from msgspec.structs import replace
@@ -13,6 +17,7 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.cycle.trajectory import (
     LONGEST_REASON,
     MOST_POINTS,
@@ -21,14 +26,26 @@ from segway_ecc.node.cycle.trajectory import (
     TrajectoryState,
     TrajectoryStatus,
 )
-from segway_ecc.node.errors import RosUnavailableError
+from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
+from segway_ecc.node.helper import spawn_helper
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, slots_for
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.ros.process import Subscriptions
-from segway_ecc.node.ros.protocol import ToLoop, TrajectoryPart, decode_report, encoder
+from segway_ecc.node.ros.protocol import (
+    RosSettings,
+    ToLoop,
+    TrajectoryPart,
+    WriteRequest,
+    decode_report,
+    decode_status,
+    decode_write_result,
+    encoder,
+)
 from segway_ecc.node.ros.remote import INBOX_SLOTS, RemoteStage, RosBridge
 from segway_ecc.node.ros.stage import LONGEST_NAME
 from segway_ecc.node.safety.modes import Mode
+from tests.node.ros.test_stage import SETTINGS
 
 pytestmark = pytest.mark.ros
 
@@ -56,6 +73,7 @@ def robot() -> Robot:
 @pytest.fixture
 def stage(bridge: RosBridge, robot: Robot) -> Iterator[RemoteStage]:
     stage = RemoteStage(bridge, robot)
+    assert stage.take_inbox() == Inbox(), "the first has what was written at the start"
     yield stage
     stage.close()
 
@@ -117,8 +135,10 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
         heartbeat_age_ns=number,
         set_values=[0.1] * len(robot.wiring.set_names),
         at_ns=number,
-        trajectory=TrajectoryStatus(number, TrajectoryState.FOLLOWED, character * LONGEST_REASON, number, number),
-        refused_trajectory=TrajectoryStatus(number, TrajectoryState.REFUSED, "x" * LONGEST_REASON, 0, 0),
+        trajectory=TrajectoryStatus(
+            number, TrajectoryState.FOLLOWED, character * LONGEST_REASON, number, number, number, 2**32 - 1
+        ),
+        refused_trajectory=TrajectoryStatus(number, TrajectoryState.REFUSED, "x" * LONGEST_REASON, 0, 0, 0, 2**32 - 1),
     )
     stage.publish(longest)
     taken = process.take_message()
@@ -193,6 +213,70 @@ def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage, kind
     stage.dropped = 0
 
 
+def test_a_process_that_is_killed_is_replaced_and_the_loop_goes_on_with_new_rings(
+    stage: RemoteStage, bridge: RosBridge, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, reports = bridge.pid, stage._reports
+    os.kill(first, signal.SIGKILL)
+    wait_for(lambda: bridge.rings is not None)
+    assert stage.take_inbox().written == []
+    assert (bridge.rings, bridge.status, bridge.ended) == (None, None, 1)
+    assert stage._reports is not reports
+    assert bridge.pid != first
+    publish(stage, 60)
+    wait_for(lambda: stage._reports.held() == 0)
+    assert stage.dropped == 0
+    assert "the ROS process has ended with status -9: the robot goes on as without a network" in caplog.text
+    stage.close()
+    assert bridge.status == 0
+
+
+def test_a_process_that_ends_again_and_again_is_replaced_less_and_less_often(
+    bridge: RosBridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+    closing = SimpleNamespace(is_set=lambda: len(pauses) > 10, wait=pauses.append)
+    begun: list[RosSettings] = []
+    monkeypatch.setattr(RosBridge, "_run_another", lambda _, settings: begun.append(settings))
+    monkeypatch.setattr(bridge, "_closing", closing)
+    os.kill(bridge.pid, signal.SIGKILL)
+    track = Variable("Track", "m", 0.3)
+    bridge._keep_running(replace(SETTINGS, parameters=(track,)), {"Track": 0.45})
+    assert pauses == [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 30.0, 30.0]
+    assert begun == [replace(SETTINGS, parameters=(Variable("Track", "m", 0.45),), is_again=True)] * 11
+
+
+def test_a_replacement_that_hangs_at_its_start_is_killed(bridge: RosBridge, monkeypatch: pytest.MonkeyPatch) -> None:
+    def spawn_stopped(module: str, descriptors: Sequence[int]) -> tuple[int, IO[bytes], IO[bytes]]:
+        started = spawn_helper(module, descriptors)
+        os.kill(started[0], signal.SIGSTOP)
+        return started
+
+    monkeypatch.setattr("segway_ecc.node.ros.remote.spawn_helper", spawn_stopped)
+    monkeypatch.setattr("segway_ecc.node.ros.remote._STARTS_WITHIN_S", 0.01)
+    first = bridge._process
+    bridge._run_another(SETTINGS)
+    assert (bridge.status, bridge.rings) == (-signal.SIGKILL, None)
+    assert first.stdin is not None
+    first.stdin.close()
+
+
+def test_a_replacement_is_in_the_diagnostics_once(stage: RemoteStage, bridge: RosBridge) -> None:
+    memory = open_ring(INBOX_SLOTS)
+    stage._reports, process = RingWriter(memory), RingReader(memory)
+    os.close(memory)
+    bridge.ended = 2
+    texts = []
+    for _ in range(2):
+        stage.publish_diagnostics(0, ())
+        (_, body), _ = process.take_messages()
+        texts.append((decode_status(body).level, decode_status(body).message, decode_status(body).values["replaced"]))
+    assert texts == [
+        (Level.WARN, "its process has ended and was replaced 2 times since the last report", "2"),
+        (Level.OK, "its process runs", "2"),
+    ]
+
+
 def test_a_process_that_never_ends_is_ended(
     stage: RemoteStage, bridge: RosBridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,6 +291,48 @@ def test_a_failing_start_of_ros_is_reported_with_its_reason(bridge: RosBridge, r
         RemoteStage(bridge, robot, ros_arguments=["--ros-args", "-r", "not a rule"])
 
 
+def override(*parameters: str) -> list[str]:
+    return ["--ros-args", *(word for parameter in parameters for word in ("-p", parameter))]
+
+
+def test_overrides_reach_the_model_before_the_first_cycle_and_are_recorded_in_it(
+    bridge: RosBridge, robot: Robot
+) -> None:
+    arguments = override("Track:=0.45", "WheelRadius:=0.0625", "use_sim_time:=false", "other:Track:=0.9")
+    stage = RemoteStage(bridge, robot, ros_arguments=arguments)
+    assert (robot.model.read("Track"), robot.model.read("WheelRadius")) == (0.45, 0.0625)
+    first, second = stage.take_inbox(), stage.take_inbox()
+    assert sorted(each[:3] for each in first.written) == [("Track", 0.45, ""), ("WheelRadius", 0.0625, "")]
+    assert [each.has_more for each in first.written] == [True, False], "both or none"
+    assert second == Inbox()
+    stage.close()
+
+
+def test_overrides_in_a_file_reach_the_model(bridge: RosBridge, robot: Robot, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    Track: 0.45\n", "utf-8")
+    RemoteStage(bridge, robot, ros_arguments=["--ros-args", "--params-file", str(file)]).close()
+    assert robot.model.read("Track") == 0.45
+
+
+@pytest.mark.parametrize(
+    ("parameter", "refusal"),
+    [
+        ("Trakc:=0.45", "no parameter of model 'cart' is called 'Trakc'; there is "),
+        ("PoseX:=0.45", "no parameter of model 'cart' is called 'PoseX'; there is "),
+        ("Track:=1", "'Track' takes a floating-point number"),
+        ("Track:=wide", "'Track' takes a floating-point number"),
+        ("Track:=.nan", "'Track' cannot be nan: only finite values are taken"),
+        ("WheelRadius:=0.0", "'WheelRadius' cannot be 0.0: allowed is 0.03 to 0.1 m"),
+    ],
+)
+def test_an_override_that_is_refused_ends_the_start(
+    bridge: RosBridge, robot: Robot, parameter: str, refusal: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=re.escape(f"parameter override: {refusal}")):
+        RemoteStage(bridge, robot, ros_arguments=override(parameter))
+
+
 def test_a_process_that_dies_before_it_is_ready_is_reported(bridge: RosBridge, robot: Robot) -> None:
     os.kill(bridge.pid, signal.SIGKILL)
     with pytest.raises(RosUnavailableError, match="its process ended with status -9"):
@@ -215,3 +341,20 @@ def test_a_process_that_dies_before_it_is_ready_is_reported(bridge: RosBridge, r
 
 def test_a_process_without_settings_ends(bridge: RosBridge) -> None:
     assert bridge.close() == 0
+
+
+def test_of_writes_one_is_handed_over_in_a_cycle_and_answered_with_its_number(stage: RemoteStage) -> None:
+    memory, answers = open_ring(INBOX_SLOTS), open_ring(slots_for(6000))
+    process, loop = RingWriter(memory), RingReader(answers)
+    stage._inboxes, stage._reports = RingReader(memory), RingWriter(answers)
+    os.close(memory)
+    os.close(answers)
+    for number, value in ((1, 0.4), (2, 0.5)):
+        assert process.put(ToLoop.WRITE, encoder.encode(WriteRequest(number, (("Track", value),))))
+    assert process.put(ToLoop.SUBSCRIBED, encoder.encode(False))  # noqa: FBT003 - the body of the message
+    cycles = [stage.take_inbox().writes for _ in range(3)]
+    assert [[write.values for write in writes] for writes in cycles] == [[(("Track", 0.4),)], [(("Track", 0.5),)], []]
+    cycles[1][0].answer("too wide")
+    cycles[0][0].answer("")
+    assert [decode_write_result(body) for _, body in loop.take_messages()] == [(2, "too wide"), (1, None)]
+    assert stage._values["Track"] == 0.4, "what a process that takes this one's place begins with"

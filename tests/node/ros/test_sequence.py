@@ -9,6 +9,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pytest
 
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.case_study.study import Trajectory
-from segway_ecc.hil.process_usage import children
+from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -189,8 +190,7 @@ def test_an_interrupted_sequence_leaves_the_robot_at_rest(
     assert line == f"segway-ecc: abandoned by {number.name}; the robot was stopped"
     rest = receive_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
     receive_until(foreign, "/shared/odom", lambda odom: odom["stamp_ns"] > rest["stamp_ns"] + NS_PER_S)
-    received = foreign("receive", topic="/shared/setpoint")
-    assert [(setpoint["linear"], setpoint["angular"]) for setpoint in received][-1] == (0.0, 0.0)
+    receive_until(foreign, "/shared/setpoint", lambda setpoint: (setpoint["linear"], setpoint["angular"]) == (0.0, 0.0))
     # Cancelled, the robot rests and stays armed.
     foreign("receive", topic="/shared/diagnostics")
     assert foreign("receive", topic="/shared/diagnostics")[-1]["cart: mode"]["mode"] == "ARMED"
@@ -217,7 +217,7 @@ def test_a_model_node_that_is_killed_ends_the_sequence(start: Start, messages: P
 
     assert sequence.returncode == 7
     (line,) = (messages / "killed.txt").read_text().splitlines()
-    assert line == "segway-ecc: the model node has published no odometry for 2 s; is it still running?"
+    assert line == "segway-ecc: the model node has published no odometry for 8 s; is it still running?"
 
 
 @pytest.mark.usefixtures("armed")
@@ -227,6 +227,59 @@ def test_a_manoeuvre_that_the_robot_refuses_ends_with_its_reason(start: Start, m
     assert sequence.returncode == 13
     (line,) = (messages / "refused.sequence.txt").read_text().splitlines()
     assert line.startswith("segway-ecc: the robot refused the sequence: it asks for 1e+308 m/s; at most ")
+
+
+@pytest.mark.usefixtures("armed")
+def test_a_segment_that_is_shorter_than_half_a_cycle_is_refused(start: Start, messages: Path) -> None:
+    sequence = start("short", "sequence", "1", "0", "0.004", "--namespace", "/shared")
+    assert (output(sequence), sequence.returncode) == ("", 13)
+    assert (messages / "short.txt").read_text() == (
+        "segway-ecc: the robot refused the sequence: points 0 and 1 fall into one cycle, of 0.01 s: one would not be "
+        "driven\n"
+    )
+
+
+@pytest.mark.usefixtures("armed")
+def test_the_duration_that_is_printed_is_the_one_that_was_driven(start: Start) -> None:
+    sequence = start("rounded", "sequence", "1", "0", "0.015", "--namespace", "/shared")
+    assert output(sequence).startswith("after 0.02 s at x ")
+    assert sequence.returncode == 0
+
+
+@pytest.mark.usefixtures("armed")
+def test_of_several_players_at_once_each_has_its_whole_manoeuvre_or_an_exit_code(start: Start, messages: Path) -> None:
+    durations = {"once": 1, "twice": 2, "same": 2}
+    players = {
+        name: start(name, "sequence", "1", "0", str(seconds), "--namespace", "/shared", "--json")
+        for name, seconds in durations.items()
+    }
+    results = {name: output(player) for name, player in players.items()}
+    done = {name: json.loads(printed) for name, printed in results.items() if players[name].returncode == 0}
+    assert done
+    assert {name: (way["end_ns"] - way["start_ns"]) / NS_PER_S for name, way in done.items()} == {
+        name: durations[name] for name in done
+    }
+    # More than one only where the machine was so slow that one had ended before the next began.
+    assert all(one["end_ns"] <= other["start_ns"] for one, other in pairwise(sorted(done.values(), key=_start_ns)))
+    for name in results.keys() - done:
+        assert (results[name], players[name].returncode) == ("", 7)
+        assert (messages / f"{name}.txt").read_text() == "segway-ecc: another trajectory took its place\n"
+
+
+def _start_ns(way: dict[str, int]) -> int:
+    return way["start_ns"]
+
+
+def test_two_robots_in_one_namespace_are_refused(start: Start, foreign: Ask, messages: Path) -> None:
+    for name in ("one", "other"):
+        start(f"{name}.node", "run", "cart", "--ros", "--no-log", "--namespace", "/both")
+    assert foreign("wait_for_publishers", topic="/both/odom", count=2)
+    sequence = start("both", "sequence", "1", "0", "60", "--namespace", "/both", "--wait", "60")
+    assert (output(sequence), sequence.returncode) == ("", 6)
+    assert (messages / "both.txt").read_text() == (
+        "segway-ecc: 2 robots are in namespace /both, and which one answers is not known: give each its own with "
+        "--namespace\n"
+    )
 
 
 @pytest.mark.parametrize("stop_s", [0.8, 3.0])
@@ -239,9 +292,11 @@ def test_a_player_that_is_stopped_meanwhile_changes_no_bit_and_loses_no_odometry
     way = tmp_path / "way.csv"
     sequence = start(space[1:], "sequence", "1", "0.5", "5", "--namespace", space, "--json", "--csv", str(way))
     receive_until(foreign, f"{space}/odom", lambda odom: odom["linear"] > 0.5)
-    sequence.send_signal(signal.SIGSTOP)
-    time.sleep(stop_s)
-    sequence.send_signal(signal.SIGCONT)
+    (worker,) = Path(f"/proc/{sequence.pid}/task/{sequence.pid}/children").read_text().split()
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        for pid in (sequence.pid, int(worker)):
+            os.kill(pid, number)
+        time.sleep(stop_s if number is signal.SIGSTOP else 0.0)
     result = json.loads(output(sequence))
     assert sequence.returncode == 0
     assert (result["end"]["x"], result["end"]["y"]) == (expected.x[-1], expected.y[-1])
@@ -250,24 +305,31 @@ def test_a_player_that_is_stopped_meanwhile_changes_no_bit_and_loses_no_odometry
 
 @pytest.mark.parametrize("killed", ["player", "ros process"])
 def test_whatever_is_killed_meanwhile_changes_no_bit(
-    start: Start, foreign: Ask, tmp_path: Path, offline: Callable[[Manoeuvre], Trajectory], killed: str
+    start: Start, foreign: Ask, messages: Path, offline: Callable[[Manoeuvre], Trajectory], killed: str
 ) -> None:
     expected = offline(Manoeuvre(segments=(Segment(linear=1.0, angular=0.5, duration=3.0),)))
-    space, log = f"/{killed.replace(' ', '_')}", tmp_path / "run.mcap"
+    space = f"/{killed.replace(' ', '_')}"
+    log, way = messages / f"{space[1:]}.mcap", messages / f"{space[1:]}.csv"
     node = start(f"{space[1:]}.node", "run", "cart", "--ros", "--log", str(log), "--namespace", space)
-    sequence = start(space[1:], "sequence", "1", "0.5", "3", "--namespace", space)
+    sequence = start(space[1:], "sequence", "1", "0.5", "3", "--namespace", space, "--csv", str(way))
     receive_until(foreign, f"{space}/odom", lambda odom: odom["linear"] > 0.5)
-    (ros_process,) = (pid for pid, words in children(node.pid).items() if "segway_ecc.node.ros.process" in words)
+    ros_process = helpers_of(node.pid)["ros"]
     os.kill(sequence.pid if killed == "player" else ros_process, signal.SIGKILL)
     output(sequence)
-    assert sequence.returncode == (-signal.SIGKILL if killed == "player" else 7)
+    if killed == "player":
+        assert sequence.returncode == -signal.SIGKILL
+    else:  # ROS is back before the player gives up, and before the end or after it: then nothing shows the cause
+        assert sequence.returncode == 13
+        (line,) = (messages / f"{space[1:]}.txt").read_text().splitlines()
+        assert re.search(r" lost(, .*)?: (the robot's ROS process ended meanwhile|on the way, it is not known)", line)
+    assert not way.exists()
     end = (expected.x[-1], expected.y[-1])
     deadline_s = time.monotonic() + ENDS_WITHIN_S
-    while end not in (way := recorded_way(log)):
+    while end not in (driven := recorded_way(log)):
         assert time.monotonic() < deadline_s, "the robot does not get where it was to go"
         time.sleep(0.5)
-    last = way.index(end) + 1
-    assert way[last - len(expected.x) : last] == list(zip(expected.x, expected.y, strict=True))
+    last = driven.index(end) + 1
+    assert driven[last - len(expected.x) : last] == list(zip(expected.x, expected.y, strict=True))
     node.send_signal(signal.SIGINT)
     output(node)
 

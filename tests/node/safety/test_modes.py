@@ -23,7 +23,7 @@ def test_it_starts_disarmed() -> None:
 
 
 def test_the_words_of_an_operator_are_those_of_the_interface() -> None:
-    assert [*Action] == ["arm", "disarm", "stop", "clear_fault"]
+    assert [*Action] == ["arm", "disarm", "stop", "clear_fault", "stand_up", "sit_down"]
     assert [*Mode] == ["DISARMED", "ARMED", "HOLD", "FAULT"]
 
 
@@ -49,6 +49,11 @@ REQUESTS = [
     (Mode.ARMED, Action.CLEAR_FAULT, Mode.ARMED, False, "there is no fault to clear: the robot is ARMED"),
     (Mode.HOLD, Action.CLEAR_FAULT, Mode.HOLD, False, "there is no fault to clear: the robot is HOLD"),
     (Mode.FAULT, Action.CLEAR_FAULT, Mode.DISARMED, True, "DISARMED: fault cleared"),
+    *(
+        (mode, action, mode, False, "this robot neither stands up nor sits down on request")
+        for action in (Action.STAND_UP, Action.SIT_DOWN)
+        for mode in Mode
+    ),
 ]
 
 

@@ -12,6 +12,7 @@ from segway_ecc.node.safety.settings import (
     ChecklistSettings,
     FollowingErrorSettings,
     LateCyclesLimit,
+    OscillationLimit,
     SafetySettings,
     StationSettings,
     SupplyWindow,
@@ -35,6 +36,8 @@ safety:
   late_cycles_limit: {in_a_row: 4, in_window: 20, window_s: 2.0}
   max_command: 3.0
   command_slew: 60.0
+  output_limits: {odometry.x: 1000.0, left.torque: 4.0}
+  oscillation: {amplitude: 2.0, in_window: 5, window_s: 0.3}
   checklist:
     {rate_tolerance: 0.1, still_rate: 0.2, still_acceleration: 1.0, still_s: 1.0, tilt_rad: 0.1, wheel_velocity: 1.0}
 """
@@ -71,6 +74,8 @@ def test_every_key_is_taken() -> None:
         late_cycles_limit=LateCyclesLimit(in_a_row=4, in_window=20, window_s=2.0),
         max_command=3.0,
         command_slew=60.0,
+        output_limits={"odometry.x": 1000.0, "left.torque": 4.0},
+        oscillation=OscillationLimit(amplitude=2.0, in_window=5, window_s=0.3),
         checklist=ChecklistSettings(
             rate_tolerance=0.1, still_rate=0.2, still_acceleration=1.0, still_s=1.0, tilt_rad=0.1, wheel_velocity=1.0
         ),
@@ -90,6 +95,7 @@ def test_what_the_parts_leave_out_has_its_default() -> None:
     assert FollowingErrorSettings(track=1.0, wheel_radius=1.0, linear_window=1.0) == FollowingErrorSettings(
         track=1.0, wheel_radius=1.0, linear_window=1.0, angular_window=None, settle_s=1.0, for_s=0.1, may_rest=False
     )
+    assert OscillationLimit(amplitude=1.0, in_window=3).window_s == 0.2
     assert LateCyclesLimit() == LateCyclesLimit(in_a_row=5, in_window=None, window_s=1.0)
     assert ChecklistSettings() == ChecklistSettings(
         rate_tolerance=0.05, still_rate=0.1, still_acceleration=0.5, still_s=0.5, tilt_rad=0.2, wheel_velocity=0.5
@@ -110,6 +116,11 @@ REFUSED = {
     "late_cycles_limit: {in_window: 10001}": "safety.late_cycles_limit.in_window",
     "late_cycles_limit: {window_s: 0.009}": "safety.late_cycles_limit.window_s",
     "late_cycles_limit: {window_s: 60.1}": "safety.late_cycles_limit.window_s",
+    "output_limits: {odometry.x: 0.0}": "safety.output_limits.odometry.x",
+    "output_limits: {odometry.x: .nan}": "safety.output_limits",
+    "oscillation: {amplitude: 0.0, in_window: 3}": "safety.oscillation.amplitude",
+    "oscillation: {amplitude: 1.0, in_window: 1}": "safety.oscillation.in_window",
+    "oscillation: {amplitude: 1.0}": "in_window",
     "checklist: {rate_tolerance: 0.51}": "safety.checklist.rate_tolerance",
     "checklist: {rate_tolerance: 0.0}": "safety.checklist.rate_tolerance",
     "yaw_consistency: {track: 1.0}": "wheel_radius",
@@ -136,6 +147,8 @@ TAKEN = [
     "frozen_after_s: null",
     "late_cycles_limit: {in_a_row: 1, in_window: 10000, window_s: 0.01}",
     "late_cycles_limit: {in_a_row: 10000, window_s: 60.0}",
+    "oscillation: {amplitude: 1.0, in_window: 2, window_s: 0.01}",
+    "output_limits: {anything: 1000000.0}",
     "checklist: {rate_tolerance: 0.5}",
     "following_error: {track: 0.3, wheel_radius: 0.05, linear_window: 0.1}",
     "following_error: {track: 0.3, wheel_radius: 0.05, angular_window: 0.1, settle_s: 10.0, for_s: 0.01}",
@@ -154,6 +167,7 @@ PARTS: dict[type[msgspec.Struct], dict[str, float]] = {
     FollowingErrorSettings: {"track": 1.0, "wheel_radius": 1.0, "linear_window": 1.0},
     SupplyWindow: {"min_v": 1.0, "max_v": 2.0},
     LateCyclesLimit: {},
+    OscillationLimit: {"amplitude": 1.0, "in_window": 2},
     ChecklistSettings: {},
     SafetySettings: {},
     StationSettings: {},

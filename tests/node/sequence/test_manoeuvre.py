@@ -4,12 +4,13 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.cycle.trajectory import TimedSetpoint
+from segway_ecc.node.cycle.trajectory import MOST_POINTS, TimedSetpoint
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.sequence.manoeuvre import (
     Manoeuvre,
     Segment,
     load_manoeuvre,
+    points,
     schedule,
     single_segment,
 )
@@ -126,3 +127,10 @@ def test_a_single_segment_must_be_finite(linear: float, angular: float, duration
 
 def test_no_segment_is_shorter_than_a_nanosecond() -> None:
     assert single_segment(1.0, 0.0, 1e-12).duration_ns == 1
+
+
+def test_a_file_of_more_segments_than_a_trajectory_has_points_is_refused(path: Path) -> None:
+    most = "segments:\n" + "  - {duration: 1}\n" * (MOST_POINTS - 1)
+    path.write_text(most, "utf-8")
+    assert len(points(load_manoeuvre(str(path)))) == MOST_POINTS
+    assert "length <= 999" in refusal(path, most + "  - {duration: 1}\n")

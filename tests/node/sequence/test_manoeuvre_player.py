@@ -8,7 +8,9 @@ from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, Play
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000
 MANOEUVRE = Manoeuvre(segments=(Segment(linear=1.0, duration=0.25), Segment(angular=-0.5, duration=0.3)))
-ACCEPTED = TrajectoryStatus(EPOCH, TrajectoryState.ACCEPTED, "", EPOCH, EPOCH + 550 * MS)
+ACCEPTED = TrajectoryStatus(
+    EPOCH, TrajectoryState.ACCEPTED, "", EPOCH, EPOCH + 550 * MS, 55, Player(MANOEUVRE).trajectory(EPOCH).digest
+)
 
 
 @pytest.fixture
@@ -71,11 +73,28 @@ def test_odometry_is_kept_from_start_to_end_also_where_it_came_before_the_answer
 
 def test_odometry_that_was_lost_on_the_way_is_counted(player: Player) -> None:
     player.receive_status(ACCEPTED)
-    assert player.missing == 1
+    assert player.missing == 56
     for ms in range(0, 551, 10):
         if ms not in {0, 200, 210, 550}:
             player.receive_odometry(at(ms))
     assert player.missing == 4
+
+
+def test_odometry_of_which_each_second_was_lost_is_counted(player: Player) -> None:
+    player.receive_status(ACCEPTED)
+    for ms in range(-20, 581, 20):
+        player.receive_odometry(at(ms))
+    assert player.missing == 28
+
+
+def test_odometry_of_another_robot_is_not_taken_for_this_one_s(player: Player) -> None:
+    player.receive_status(ACCEPTED)
+    for ms in range(-20, 581, 10):
+        player.receive_odometry(at(ms + 3))
+        player.receive_odometry(at(ms))
+        player.receive_odometry(at(ms))
+    assert player.missing == 0
+    assert {(each.stamp_ns - EPOCH) % (10 * MS) for each in player.received} == {0}
 
 
 def test_odometry_that_is_whole_lacks_nothing(player: Player) -> None:

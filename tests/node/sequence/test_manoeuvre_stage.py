@@ -27,7 +27,8 @@ def stage(clock: ScriptedClock) -> ManoeuvreStage:
 
 
 TRAJECTORY = Trajectory(EPOCH + 50 * MS, (TimedSetpoint(0, AHEAD), TimedSetpoint(150 * MS, REST)))
-ACCEPTED = TrajectoryStatus(EPOCH + 50 * MS, TrajectoryState.ACCEPTED, "", EPOCH + 50 * MS, EPOCH + 200 * MS)
+START = EPOCH + 50 * MS
+ACCEPTED = TrajectoryStatus(START, TrajectoryState.ACCEPTED, "", START, EPOCH + 200 * MS, 15, TRAJECTORY.digest)
 
 
 def report(ms: int, mode: Mode = Mode.ARMED, values: Sequence[float] = (0.0,) * 5) -> Report:

@@ -17,9 +17,10 @@ import can
 import pytest
 
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, decode
-from segway_ecc.firmware_io.heartbeat import HeartbeatSender
+from segway_ecc.firmware_io.heartbeat import BusOwner
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.node import config
 
 pytestmark = pytest.mark.real_time
 
@@ -45,7 +46,7 @@ def test_a_robot_that_is_all_model_has_nothing_to_guard(segway_ecc: Run) -> None
     assert one_line(outcome) == "segway-ecc: robot 'cart' is on no CAN bus: there is nothing to guard"
 
 
-@pytest.mark.parametrize("limit", ["0.009", "0.21", "nan", "-1"])
+@pytest.mark.parametrize("limit", ["0.009", "0.21", "-1"])
 def test_a_limit_out_of_range_is_refused(segway_ecc: Run, limit: str) -> None:
     outcome = segway_ecc("guard", "cart-can", "--limit", limit)
 
@@ -160,17 +161,17 @@ def test_a_node_that_dies_or_hangs_is_followed_by_zeros(
     assert len(zeros) > 20
     assert report["intervened"] >= 1
     done = report["interventions"][-1]
-    assert done["cause"] == "commands stopped"
+    assert done["cause"] == "the node's heartbeats stopped"
     assert done["end"] == "the time for it is over"
     # The limit is 30 ms from the last heartbeat; one that dies just before its heartbeat sent that 10 ms ago.
     assert done["reaction_ms"] > 20.0
-    assert done["first_stop_wall_ns"] > done["last_command_wall_ns"]
+    assert done["first_stop_wall_ns"] > done["last_heartbeat_wall_ns"]
     assert done["frames"] > 20
     assert report["limit_s"] == 0.03
     assert report["frames"] > report["commands"] > 0
     assert report["heartbeats"] > 0
     assert report["longest_gap_ms"] > 0.0
-    assert errors[-1].startswith("segway-ecc: stopped the drives: commands stopped; ")
+    assert errors[-1].startswith("segway-ecc: stopped the drives: the node's heartbeats stopped; ")
 
 
 def test_start_arming_and_a_normal_stop_are_left_alone(processes: Processes) -> None:
@@ -197,11 +198,12 @@ def test_start_arming_and_a_normal_stop_are_left_alone(processes: Processes) -> 
 
 def test_heartbeats_keep_it_quiet_while_nothing_is_on_the_bus(processes: Processes) -> None:
     guard = processes.start("guard", "--limit", "0.2")
-    beats = HeartbeatSender(CanSettings(interface="local", channel=processes.channel))
+    beats = BusOwner(CanSettings(interface="local", channel=processes.channel))
     assert guard.stderr is not None
     while "guard on" not in guard.stderr.readline():
         pass
     with contextlib.closing(beats):
+        beats.open()
         for _ in range(50):
             beats.beat(is_on=True)
             assert processes.heard_within(0.01) == []
@@ -214,8 +216,8 @@ def test_heartbeats_keep_it_quiet_while_nothing_is_on_the_bus(processes: Process
     assert guard.returncode == 0
     lines = dict(line.split(None, 1) for line in out.splitlines())
     assert lines["intervened"].strip() == "1"
-    assert lines["heartbeats"].strip() == "50"
-    assert lines["1"].startswith("stopped the drives: commands stopped; ")
+    assert int(lines["heartbeats"].split(",")[0]) >= 45  # the first has no key yet
+    assert lines["1"].startswith("stopped the drives: the node's heartbeats stopped; ")
 
 
 def test_a_second_guard_of_a_bus_is_refused(processes: Processes) -> None:
@@ -228,3 +230,66 @@ def test_a_second_guard_of_a_bus_is_refused(processes: Processes) -> None:
 
     assert second.returncode == 4
     assert "a guard of this bus already runs" in errors
+
+
+def test_a_second_run_on_a_bus_is_refused_and_the_first_drives_on(processes: Processes) -> None:
+    processes.start("plant")
+    first = processes.start("run", "--no-ros", "--no-log", "--json")
+    processes.wait_for(lambda m: is_state(m, BoardState.ENABLED))
+    second = processes.start("run", "--no-ros", "--no-log")
+    _, errors = second.communicate(timeout=PATIENCE_S)
+    report, _ = ended(first)
+
+    assert second.returncode == 4
+    assert f"is controlled by process {first.pid} (" in errors
+    mode = next(values for name, values in report["diagnostics"].items() if name.endswith(": mode"))
+    assert mode["mode"] == "ARMED"
+    hardware = next(values for name, values in report["diagnostics"].items() if name.endswith(": hardware"))
+    assert hardware["strange_commands"] == "0"
+
+
+def test_of_two_that_start_together_one_runs(processes: Processes) -> None:
+    processes.start("plant")
+    both = [processes.start("run", "--no-ros", "--no-log", "--json", "--duration", "3") for _ in range(2)]
+    outcomes = []
+    for each in both:
+        out, errors = each.communicate(timeout=PATIENCE_S)
+        outcomes.append((each.returncode, "is controlled by process" in errors, bool(out)))
+
+    assert sorted(outcomes) == [(0, False, True), (4, True, False)]
+
+
+def test_a_recording_that_is_played_beside_the_node_is_a_fault_that_names_it(processes: Processes) -> None:
+    processes.start("plant")
+    node = processes.start("run", "--no-ros", "--no-log", "--json")
+    recorded = processes.wait_for(lambda m: is_command(m, enable=True))
+    processes.wait_for(lambda m: is_state(m, BoardState.ENABLED))
+    processes.heard_within(0.5)
+    processes.bus.send(recorded)
+    processes.wait_for(lambda m: is_state(m, BoardState.DISABLED))
+    report, _ = ended(node)
+
+    mode = next(values for name, values in report["diagnostics"].items() if name.endswith(": mode"))
+    assert mode["mode"] == "FAULT"
+    assert mode["reason"].startswith("command frames that this node did not send, 0x110 (1): ")
+
+
+def test_a_robot_that_needs_a_guard_arms_with_one_and_reports_its_end(processes: Processes, tmp_path: Path) -> None:
+    text = (Path(config.__file__).parent / "robots" / "cart-can.yaml").read_text("utf-8")
+    needs = tmp_path / "needs.yaml"
+    needs.write_text(text.replace("  watchdog_s: 0.04\n", "  watchdog_s: 0.04\n  guard: required\n"), "utf-8")
+    processes.start("plant", robot=str(needs))
+    node = processes.start("run", "--no-ros", "--no-log", "--json", robot=str(needs))
+    processes.wait_for(lambda m: m.arbitration_id == FrameId.WHEEL_COMMAND)
+    assert not [m for m in processes.heard_within(2.0) if is_command(m, enable=True)]
+    guard = processes.start("guard", "--limit", "0.2", robot=str(needs))
+    processes.wait_for(lambda m: is_state(m, BoardState.ENABLED))
+    guard.kill()
+    assert node.stderr is not None
+    while "the guard of this bus has ended" not in node.stderr.readline():
+        pass
+    report, _ = ended(node)
+
+    mode = next(values for name, values in report["diagnostics"].items() if name.endswith(": mode"))
+    assert mode["mode"] == "ARMED"
+    assert mode["check.drives"].startswith("refused: no guard watches this bus")

@@ -25,6 +25,7 @@ from segway_ecc.testing import ScriptedClock, ScriptedStage
 Run = Callable[..., Any]
 CYCLES = 300
 FLUSHED_EVERY = 25
+SNAPSHOT_EVERY = 100
 
 
 class Flushing(CycleLog):
@@ -74,7 +75,8 @@ def check_flips(segway_ecc: Run, log: Path, flips: int, seed: int) -> dict[str, 
         outcome = segway_ecc("log", "replay", str(broken), "--json")
         report = json.loads(outcome.out)
         assert report["cycles"] + report["behind"] == len(found)
-        assert report["cycles"] == (CYCLES if len(found) == CYCLES else first)
+        known = -(-(first + FLUSHED_EVERY) // SNAPSHOT_EVERY) * SNAPSHOT_EVERY
+        assert report["cycles"] == (CYCLES if len(found) == CYCLES else first + max(0, CYCLES - known))
         assert report["difference"] is None
         assert outcome.errors
         figures["chunks lost"] += len(found) < CYCLES
@@ -109,5 +111,5 @@ def test_the_cycles_of_the_last_chunk_are_reported_as_missing(segway_ecc: Run, l
     assert outcome.code == 9
     assert outcome.errors == [
         f"segway-ecc: last.mcap: bytes {begin} to {end - 1} are damaged",
-        "segway-ecc: cycles 275 to 299 are missing in the log: replayed up to there",
+        "segway-ecc: cycles 275 to 299 are missing in the log",
     ]

@@ -10,6 +10,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.recording.salvage import Salvage
 
 Run = Callable[..., Any]
@@ -43,7 +45,7 @@ def test_a_log_that_was_cut_off_is_repaired_for_every_reader(segway_ecc: Run, lo
         assert "/cycle" in {connection.topic for connection in reader.connections}
     replayed = segway_ecc("log", "replay", str(repaired))
     assert (replayed.code, replayed.out.split(",")[0]) == (9, f"identical: {whole} cycles")
-    assert replayed.errors == [f"{outcome.errors[0]}: replayed up to there"]
+    assert replayed.errors == [f"{outcome.errors[0]} or a killed node: replayed up to there"]
     assert segway_ecc("log", "repair", str(log)).errors == [
         f"segway-ecc: {repaired} is there already; choose another with --out"
     ]
@@ -71,3 +73,37 @@ def test_a_whole_log_is_left_alone_and_what_is_none_is_refused(segway_ecc: Run, 
     none = segway_ecc("log", "repair", str(tmp_path / "x.mcap"))
     assert none.code == 9
     assert none.errors[0].endswith("cannot be repaired: there is no message in it")
+
+
+def test_a_repair_that_fails_leaves_no_file(
+    segway_ecc: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RecordingError("no space left")
+
+    log.write_bytes(log.read_bytes()[:-50])
+    monkeypatch.setattr(McapLog, "add", fail)
+    outcome = segway_ecc("log", "repair", str(log))
+
+    assert (outcome.code, outcome.errors) == (9, ["segway-ecc: no space left"])
+    assert list(tmp_path.iterdir()) == [log]
+
+
+def test_a_log_whose_first_byte_is_damaged_is_not_taken_for_the_one_behind_it(log: Path) -> None:
+    data = log.read_bytes()
+    log.write_bytes(b"x" + data[1:] + data)
+    found = Salvage(log)
+
+    assert found.damage[0] == "field.mcap: its first 8 bytes are not those of an MCAP file"
+    assert found.damage[-1] == f"field.mcap: another log begins at byte {len(data) + 8}, and is not read"
+    assert found.topics
+
+
+def test_a_log_behind_bytes_that_are_none_is_repaired(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
+    whole = cycles_in(log)
+    log.write_bytes(b"from a shell: " + log.read_bytes())
+    outcome = segway_ecc("log", "repair", str(log))
+
+    assert outcome.code == 9
+    assert outcome.errors == ["segway-ecc: field.mcap: its first 14 bytes are not of the log"]
+    assert cycles_in(tmp_path / "field.whole.mcap") == whole

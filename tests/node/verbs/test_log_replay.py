@@ -2,6 +2,8 @@
 """`segway-ecc log replay`: identical, or what differs first."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -60,6 +62,12 @@ def test_a_log_from_the_field_is_identical(segway_ecc: Run, log: Path) -> None:
     assert outcome.out.startswith(f"identical: {cycles} cycles, ")
 
 
+def test_the_model_is_known_where_nothing_has_loaded_it_yet(log: Path) -> None:
+    words = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "log", "replay", str(log)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_first_difference_is_reported_with_exit_code_1(segway_ecc: Run, log: Path) -> None:
     outcome = segway_ecc("log", "replay", str(rewritten(log, pushed)))
     lines = outcome.out.splitlines()
@@ -93,9 +101,11 @@ def test_missing_cycles_are_located_with_exit_code_9(segway_ecc: Run, log: Path)
 
     assert outcome.code == 9
     assert outcome.out.startswith("identical: 30 cycles")
-    behind = f"the {cycles - 31} cycles behind it are whole, and cannot be compared without the model's state"
+    assert outcome.out.endswith("compared: cycles 0 to 29\n")
+    why = "the state is not known before the next snapshot"
     assert outcome.errors == [
-        f"segway-ecc: cycles 30 to 30 are missing in the log: replayed up to there; {behind}",
+        "segway-ecc: cycles 30 to 30 are missing in the log",
+        f"segway-ecc: {cycles - 31} cycles are whole and could not be compared: {why}",
     ]
 
 
@@ -105,7 +115,9 @@ def test_truncated_log_is_replayed_up_to_its_end_with_exit_code_9(segway_ecc: Ru
 
     assert outcome.code == 9
     assert outcome.out.startswith("identical: ")
-    assert outcome.errors == ["segway-ecc: the log ends before its time, as after a power cut: replayed up to there"]
+    assert outcome.errors == [
+        "segway-ecc: the log ends before its time, as after a power cut or a killed node: replayed up to there"
+    ]
 
 
 def test_another_model_is_warned_of_and_may_differ(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
@@ -168,3 +180,17 @@ def test_a_replay_that_differs_is_not_as_expected(
     assert outcome.code == 1
     assert any(why.startswith("replay: cycle 50 (t = 0.500 s): command left.voltage ") for why in run["why_not"])
     assert msgspec.json.encode(run)
+
+
+def test_a_log_without_a_cycle_is_not_identical(segway_ecc: Run, log: Path) -> None:
+    outcome = segway_ecc("log", "replay", str(rewritten(log, lambda _: None)))
+
+    assert (outcome.code, outcome.out) == (9, "nothing was compared\n")
+    assert outcome.errors == ["segway-ecc: there is no cycle in the log"]
+
+
+def test_a_drawing_that_cannot_be_written_is_reported(segway_ecc: Run, log: Path) -> None:
+    outcome = segway_ecc("log", "replay", str(log), "--plot", "/dev/full")
+
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.errors == ["segway-ecc: cannot draw /dev/full: [Errno 28] No space left on device"]

@@ -77,13 +77,19 @@ def test_every_sample_goes_to_the_files(segway_ecc: Run, tmp_path: Path) -> None
     ("words", "code", "text"),
     [
         (("--duration", "0"), 2, "--duration must be more than 0 s and at most 86400 s"),
-        (("--duration", "inf"), 2, "--duration must be more than 0 s and at most 86400 s"),
+        (("--duration", "inf"), 2, "argument --duration: inf is not finite"),
+        (("--duration", "0.0004"), 2, "--duration is 0.0004 s, less than a step of 0.01 s"),
+        (("--duration", "1_0"), 2, "argument --duration: invalid float value: '1_0'"),
+        (("--duration", "\u0661"), 2, "argument --duration: invalid float value: '\u0661'"),
+        (("--duration", "1", "--set", "Track=1_0"), 2, "--set wants NAME=VALUE with a number"),
+        (("--duration", "1", "--set", "Track=1", "--set", "Track=2"), 2, "--set names 'Track' twice"),
+        (("--duration", "1", "--input", "a=1", "--input", "a=1"), 2, "--input names 'a' twice"),
         (("--duration", "1", "--input", "LeftVelocity"), 2, "--input wants NAME=VALUE with a number"),
         (("--duration", "1", "--set", "Track=wide"), 2, "--set wants NAME=VALUE with a number"),
         (("--duration", "1", "--input", "Left=1"), 3, "there is LeftVelocity, RightVelocity"),
         (("--duration", "1", "--set", "Width=1"), 3, "no parameter of model 'cart-controller' is called 'Width'"),
         (("--duration", "1", "--csv", "/nowhere/out.csv"), 2, "cannot write /nowhere/out.csv"),
-        (("--duration", "1", "--plot", "/nowhere/out.svg"), 2, "cannot draw /nowhere/out.svg"),
+        (("--duration", "1", "--plot", "/nowhere/out.svg"), 2, "cannot write /nowhere/out.svg"),
     ],
 )
 def test_a_mistake_is_told_in_one_line(segway_ecc: Run, words: tuple[str, ...], code: int, text: str) -> None:

@@ -124,7 +124,7 @@ def test_log_option_sets_the_path_of_a_log_with_the_robot_file(segway_ecc: Run, 
     assert outcome.errors[0] == f"segway-ecc: log: {log}"
     with log.open("rb") as stream:
         found = {one.name: one.data for one in make_reader(stream, validate_crcs=True).iter_attachments()}
-    assert set(found) == {"layout.json", "robot.json", "robot.yaml"}
+    assert set(found) == {"part.json", "layout.json", "robot.json", "robot.yaml", "end.json"}
     assert found["robot.yaml"] == importlib.resources.files("segway_ecc.node").joinpath("robots/cart.yaml").read_bytes()
 
 
@@ -164,7 +164,7 @@ def test_logs_beside_a_file_that_was_named_stay(segway_ecc: Run, tmp_path: Path)
     "words",
     [
         ("--log-limit", "0.5"),
-        ("--log-limit", "nan"),
+        ("--log-limit", "1e300"),
         ("--log-file-size", "0"),
         ("--log-limit", "100", "--log-file-size", "200"),
     ],
@@ -215,7 +215,7 @@ def test_robot_file_error_names_what_is_allowed(  # noqa: PLR0913, PLR0917 - one
     assert expected in only_line(segway_ecc("run", cart(old, new), *QUIET), code)
 
 
-@pytest.mark.parametrize("duration", ["0", "-1", "nan", "inf", "-inf", "1e308"])
+@pytest.mark.parametrize("duration", ["0", "-1", "nan", "inf", "-inf", "1e308", "0.0004", "1_0"])
 def test_a_duration_that_makes_no_sense_is_refused(segway_ecc: Run, duration: str) -> None:
     line = only_line(segway_ecc("run", "cart", *QUIET, f"--duration={duration}"), 2)
 

@@ -28,6 +28,7 @@ def no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
         (["1", "2"], "give LINEAR ANGULAR DURATION, or one file"),
         (["1", "2", "3", "4"], "give LINEAR ANGULAR DURATION, or one file"),
         (["fast", "2", "3"], "LINEAR ANGULAR DURATION must be numbers: could not convert string to float: 'fast'"),
+        (["1_0", "2", "3"], "LINEAR ANGULAR DURATION must be numbers: could not convert string to float: '1_0'"),
         (["nan", "2", "3"], "sequence: linear of segment 0 is nan; it must be finite"),
         (["1", "inf", "3"], "sequence: angular of segment 0 is inf; it must be finite"),
         (["1", "2", "inf"], "the duration must be more than 0 s and at most 86400 s, not inf"),

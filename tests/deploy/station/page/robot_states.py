@@ -70,6 +70,7 @@ def armed(**fields: object) -> dict[str, object]:
         "timing": TIMING,
         "controller": "ann",
         "can_stand": True,
+        "posture": "BALANCING",
         "stop": "",
         "stop_after_s": None,
         "sequence": None,

@@ -78,4 +78,5 @@ def full_robot(name: str) -> RobotView:
         links=dict.fromkeys(("can", "serial", "imu"), link),
         timing=dict.fromkeys(names, phase),
         can_stand=True,
+        posture="STANDING UP",
     )

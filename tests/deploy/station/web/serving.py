@@ -10,7 +10,7 @@ from typing import IO, Any, NamedTuple
 import aiohttp
 import msgspec
 
-from segway_ecc.deploy.station.archive_client import Progress
+from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.station.web.access import Access, Role, new_access
 from segway_ecc.deploy.station.web.downloads import Bundle
 from segway_ecc.deploy.station.web.server import Server, ServerSettings
@@ -22,8 +22,11 @@ from tests.deploy.station.web.scripted_station import ScriptedStation
 HEARTBEAT_S = 0.05
 
 
-class NoArchive:
+class NoArchive(ArchiveClient):
     """Of robots that offer no logs."""
+
+    def __init__(self) -> None:
+        """Keep nothing, and begin no thread."""
 
     def logs(self, robot: str) -> Sequence[LogFile]:
         raise NobodyListensError(robot)
@@ -31,7 +34,8 @@ class NoArchive:
     def begin(self, robot: str, name: str) -> None:
         raise NobodyListensError(f"{robot} {name}")
 
-    def progress(self, _robot: str) -> Mapping[str, Progress]:
+    def progress(self, robot: str) -> Mapping[str, Progress]:
+        assert robot
         return {}
 
     def open(self, robot: str, name: str) -> tuple[int, int]:

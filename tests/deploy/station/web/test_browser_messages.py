@@ -111,7 +111,6 @@ def _holds(message: str) -> None:
         assert abs(decoded.angular) <= 2.0
 
 
-@pytest.mark.timeout(600)  # so many examples take minutes where much else runs
 @fuzzed
 @given(FIELDS.map(json.dumps) | st.text(max_size=200) | JSON.map(json.dumps))
 def test_fuzzed_message_is_valid_or_refused(message: str) -> None:

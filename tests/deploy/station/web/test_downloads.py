@@ -13,7 +13,7 @@ from typing import IO, Any
 import pytest
 from yarl import URL
 
-from segway_ecc.deploy.station.archive_client import Progress
+from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.support.archive_files import LogFile, open_log
@@ -26,7 +26,7 @@ WHAT_TO_START = "robot /bob hands out nothing; on the robot, start: segway-ecc l
 CHANGED_NS = 1_790_000_000_123_456_789
 
 
-class ScriptedArchive:
+class ScriptedArchive(ArchiveClient):
     """`/alice` has two logs; `/bob` hands out none."""
 
     def __init__(self, folder: Path) -> None:

@@ -13,9 +13,14 @@ from segway_ecc.deploy.station.web.access import IDLE_S
 from segway_ecc.deploy.station.web.limits import Limits, Rate
 from tests.deploy.station.web.attempts import OPERATOR
 from tests.deploy.station.web.raw_requests import hang_up, login, raw, still_answers
-from tests.deploy.station.web.serving import browser, served
+from tests.deploy.station.web.serving import browser, command, served
+from tests.deploy.station.web.socket_helpers import asked, until
 
 Tried = Callable[[str, str], None]
+_SLOW_BODY = (
+    b"POST /login HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nOrigin: http://127.0.0.1:%d\r\n"
+    b"Content-Type: application/json\r\nContent-Length: 4000\r\n\r\n{"
+)
 
 
 @pytest.mark.parametrize(
@@ -113,27 +118,91 @@ def test_request_rate_is_limited_per_address(tmp_path: Path, tried: Tried) -> No
     asyncio.run(scenario())
 
 
-def test_more_connections_than_an_address_may_have_are_cut(tmp_path: Path, tried: Tried) -> None:
+def test_oldest_of_too_many_connections_of_an_address_gives_way(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
         limits = Limits(open_connections_each=5)
         async with served(tmp_path, limits=limits) as here:
-            writers = [(await _connect(here.port))[1] for _ in range(5)]
-            with contextlib.suppress(ConnectionError):
-                reader, writer = await _connect(here.port)
-                writers.append(writer)
-                assert await reader.read(1) == b""
-            assert here.refused() == {"too many connections": 1}
-            async with browser(here) as client:
+            opened = [await _connect(here.port) for _ in range(5)]
+            async with browser(here, address="127.0.0.2") as client:
                 await still_answers(client)
-            for each in writers:
+                assert here.refused() == {"too many connections": 1}
+                await _assert_cut(opened[0][0])
+                assert not opened[1][0].at_eof()
+            for _, each in opened:
                 await hang_up(each)
-        tried("more open connections than an address may have", "cut at once")
+        tried("more open connections than an address may have", "the oldest that is no browser's is cut")
 
     asyncio.run(scenario())
 
 
-async def _connect(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-    return await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0))
+@pytest.mark.parametrize(
+    "begun",
+    [
+        b"",
+        b"GET / HTTP/1.1\r\nHost:",
+        _SLOW_BODY,
+        b"GET /static/vendor/uplot.js HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" * 20,
+    ],
+    ids=["silent", "headers", "body", "unread"],
+)
+def test_slow_connections_shut_nobody_out_and_stops_go_through(begun: bytes, tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        limits = Limits(open_connections=60, open_connections_each=30)
+        async with (
+            served(tmp_path, tokens=True, limits=limits) as here,
+            browser(here, "ann", OPERATOR) as ann,
+            ann.ws_connect("/socket") as socket,
+        ):
+            slow = [await _connect(here.port, f"127.0.0.{2 + number % 3}") for number in range(90)]
+            for _, writer in slow:
+                writer.write(begun.replace(b"%d", b"%d" % here.port))
+            assert (await asked(socket, command(1, "stop")))["is_accepted"]
+            for number in range(3):
+                async with (
+                    browser(here, f"bob {number}", OPERATOR, address="127.0.0.9") as bob,
+                    bob.ws_connect("/socket") as other,
+                ):
+                    assert (await asked(other, command(1, "stop")))["is_accepted"]
+            async with browser(here, "carl", OPERATOR, address="127.0.0.2") as carl:
+                await still_answers(carl)
+            assert (await asked(socket, command(2, "stop")))["is_accepted"]
+            assert [given.act for _, given in here.station.commands] == ["stop"] * 5
+            assert here.refused()["too many connections"] >= 30
+            for _, each in slow:
+                each.transport.abort()
+        if not begun:
+            text = "others log in and stop, from other addresses and from the same"
+            tried("more slow connections than there may be, from three addresses", text)
+
+    asyncio.run(scenario())
+
+
+def test_response_that_is_not_read_is_given_up(tmp_path: Path, tried: Tried) -> None:
+    now = [0]
+
+    async def scenario() -> None:
+        async with served(tmp_path, clock_ns=lambda: now[0]) as here:
+            reader, writer = await _connect(here.port)
+            request = b"GET /static/vendor/uplot.js HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % here.port
+            writer.write(request * 200)  # more than the sockets' buffers hold
+            await asyncio.sleep(0.2)
+            now[0] = 31_000_000_000
+            await until(lambda: here.refused().get("too slow") == 1)
+            writer.transport.abort()
+            assert not reader.at_eof()
+        tried("a response that is never read", "cut after 30 s")
+
+    asyncio.run(scenario())
+
+
+async def _connect(port: int, address: str = "127.0.0.2") -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    return await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0))
+
+
+async def _assert_cut(reader: asyncio.StreamReader) -> None:
+    async with asyncio.timeout(10.0):
+        with contextlib.suppress(ConnectionError):
+            assert await reader.read() == b""
 
 
 def test_silent_connection_is_closed(tmp_path: Path, tried: Tried) -> None:

@@ -163,16 +163,36 @@ def test_viewer_commands_are_refused_and_audited(tmp_path: Path, tried: Tried) -
             browser(here, "vic", VIEWER) as client,
             client.ws_connect("/socket") as socket,
         ):
-            for number, act in enumerate(Act, 1):
+            refused = [act for act in Act if act is not Act.STOP]
+            for number, act in enumerate(refused, 1):
                 reply = await asked(socket, command(number, act))
-                assert (reply["is_accepted"], reply["text"]) == (False, "a viewer may only watch")
+                assert (reply["is_accepted"], reply["text"]) == (False, "a viewer may only watch and stop")
             await asked(socket, drive(100, 0.5))
-            assert here.refused() == {"viewer": len(Act) + 1}
+            assert here.refused() == {"viewer": len(refused) + 1}
             assert (here.station.commands, here.station.drives) == ([], [])
             assert (await receive(socket, "fleet"))["robots"] == []
             refusals = [entry for entry in await here.audit() if entry["outcome"] == "refused"]
-            assert [entry["act"] for entry in refusals] == [*Act, "drive"]
-        tried("every command and a set-point as a viewer", "refused with a reply, in the audit log")
+            assert [entry["act"] for entry in refusals] == [*refused, "drive"]
+        tried("every command but a stop and a set-point as a viewer", "refused with a reply, in the audit log")
+
+    asyncio.run(scenario())
+
+
+def test_viewer_may_stop(tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        async with (
+            served(tmp_path, tokens=True) as here,
+            browser(here, "vic", VIEWER) as client,
+            client.ws_connect("/socket") as socket,
+        ):
+            assert (await asked(socket, command(1, Act.STOP)))["is_accepted"]
+            assert [(who, given.act) for who, given in here.station.commands] == [("vic", Act.STOP)]
+            entries = [entry for entry in await here.audit() if entry["act"] == "stop"]
+            assert [(entry["who"], entry["role"], entry["outcome"]) for entry in entries] == [
+                ("vic", "viewer", "asked"),
+                ("vic", "viewer", "accepted"),
+            ]
+        tried("a stop as a viewer", "carried out, in the audit log")
 
     asyncio.run(scenario())
 

@@ -398,6 +398,8 @@ def test_health_has_supply_and_current(bench: Bench) -> None:
         "fault": "not reported",
         "bus_voltage_v": "36.5",
         "current_a": "-2.5",
+        "gaps": "0",
+        "longest_gap_ms": "0.0",
     }
 
 

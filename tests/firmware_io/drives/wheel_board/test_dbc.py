@@ -9,6 +9,7 @@ import pytest
 
 from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 from segway_ecc.firmware_io.drives.wheel_board.frames import CYCLE_TIME_S, BoardState, FrameId
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Link
 
 with as_file(files("segway_ecc.firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
@@ -32,7 +33,7 @@ def test_states_are_the_dbcs() -> None:
 
 @pytest.fixture
 def driver(link: Link) -> WheelBoard:
-    return WheelBoard(link, 0.05, 0.01, imu=True)
+    return WheelBoard(link, WheelBoardSettings(imu=True), 0.01)
 
 
 def test_units_are_si_and_the_drivers(driver: WheelBoard) -> None:

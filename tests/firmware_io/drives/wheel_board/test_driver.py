@@ -20,6 +20,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     decode,
     encode,
 )
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 
 ZERO = (0x110, WheelCommand(0.0, 0.0, enable=False))
@@ -45,7 +46,8 @@ class Bench:
 
     def __init__(self, link: Link, sent: list[Frame], watchdog_s: float = 0.05, *, imu: bool = False) -> None:
         self.now_ns = 1_000 * MS
-        self.driver = WheelBoard(link, watchdog_s, loop_period_s=0.01, now_ns=lambda: self.now_ns, imu=imu)
+        settings = WheelBoardSettings(watchdog_s=watchdog_s, imu=imu)
+        self.driver = WheelBoard(link, settings, loop_period_s=0.01, now_ns=lambda: self.now_ns)
         self._sent = sent
         self._counters = dict.fromkeys(FrameId, 0)
 
@@ -167,7 +169,7 @@ def test_what_is_measured_is_stale_after_three_periods_of_the_loop(moving: Bench
 
 def test_in_a_fast_loop_what_is_measured_is_stale_after_three_periods_of_its_frame(link: Link) -> None:
     now_ns = 0
-    driver = WheelBoard(link, 0.05, loop_period_s=0.001, now_ns=lambda: now_ns, imu=True)
+    driver = WheelBoard(link, WheelBoardSettings(imu=True), loop_period_s=0.001, now_ns=lambda: now_ns)
     for frame_id, payload in (
         (FrameId.LEFT_WHEEL, Wheel(0.0, 0.0)),
         (FrameId.RIGHT_WHEEL, Wheel(0.0, 0.0)),
@@ -481,6 +483,8 @@ def test_health_has_the_board_status_and_every_count_as_text(bench: Bench) -> No
         "bus_voltage_v": "24.500",
         "watchdog_s": "0.050",
         "refused_frames": "77",
+        "gaps": "0",
+        "longest_gap_ms": "0.0",
     }
 
 

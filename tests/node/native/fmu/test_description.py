@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.model import LARGEST, Variable, Write
 from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import read_facts
 from segway_ecc.node.native.fmu.twenty_sim import TwentySim, read_twenty_sim
@@ -268,3 +268,22 @@ class TestTwentySim:
     def test_is_not_suspected_behind_another_tool(self, tmp_path: Path) -> None:
         (tmp_path / "modelDescription.xml").write_bytes(description(Shape.OTHER).encode("latin-1"))
         assert read_twenty_sim(tmp_path, "Tool 1.0", frozenset({"CalculateStatic"})) is None
+
+
+def test_ranges_are_those_of_the_variable_or_else_of_its_type(tmp_path: Path) -> None:
+    text = description(Shape.OLD)
+    text = text.replace('<Real unit="rad"/>', '<Real unit="rad" min="-1.5" max="1.5"/>')
+    text = text.replace('start="0" declaredType', 'start="0" max="0.5" declaredType')
+    text = text.replace('start="0.75" unit', 'start="0.75" min="0.5" unit')
+    found = laid_out(tmp_path, text).description
+    (port,), gain, scale = found.inputs, *found.parameters[:2]
+    assert (port.minimum, port.maximum, port.range_text) == (-1.5, 0.5, "-1.5 to 0.5 rad")
+    assert (gain.minimum, gain.maximum, gain.range_text) == (0.5, LARGEST, "0.5 or more 1/s")
+    assert (scale.minimum, scale.maximum, scale.range_text) == (-LARGEST, LARGEST, "")
+
+
+@pytest.mark.parametrize("bounds", ['min="1.0"', 'max="0.5"', 'min="2" max="1"'])
+def test_a_start_value_beyond_its_range_is_refused(tmp_path: Path, bounds: str) -> None:
+    text = description(Shape.OLD).replace('start="0.75" unit', f'start="0.75" {bounds} unit')
+    with pytest.raises(ModelError, match=r"^variable 'Controller.gain' has the range .*, and starts at 0.75: correct"):
+        laid_out(tmp_path, text)

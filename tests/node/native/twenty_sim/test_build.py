@@ -237,7 +237,7 @@ def test_without_a_compiler_the_package_is_named(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     language, package = {"submodel": ("C", "gcc"), "cpp_class": (r"C\+\+", r"g\+\+")}[shape]
-    text = rf"^there is no {language} compiler to compile the model with: sudo apt install {package} libc6-dev$"
+    text = rf"^there is no {language} compiler here: sudo apt install {package} libc6-dev$"
     with pytest.raises(ModelError, match=text):
         load_native(getattr(make, shape)(models.TANK).path)
 

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: MIT
+"""The process that watches calls into a model: its tasks come through its standard input, the calls through a page.
+
+It ends a process whose call does not return in time, and reports that, or that the process has ended in a call. What
+the model prints arrives through a pipe, so that printing never waits for whoever reads it.
+
+Times are counted so that a machine that stalls is not taken for a model that does: while the process could run and was
+not running, only the processor time counts that it had.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from segway_ecc.node.cycle.real_time import PRIORITY
+from segway_ecc.node.watchdog.output import ModelOutput
+from segway_ecc.node.watchdog.page import NAMES, Call, CallPage, Seen
+
+LONG_NS: Final = 10_000_000_000
+"""What a call may take that no cycle waits for, ns: the initial and the final equations."""
+_LOOKS: Final = 4
+"""So often within the limit it is looked at."""
+_LONGEST_PAUSE_NS: Final = 50_000_000
+_KILL_AFTER_S: Final = 5.0
+_OUTPUT_S: Final = 10.0
+_READ_BYTES: Final = 65_536
+_MESSAGES: Final = 2
+_NS_PER_S: Final = 1_000_000_000
+
+
+class WatchTask(msgspec.Struct, frozen=True):
+    """What is watched; a new one replaces the one before.
+
+    Attributes:
+        name: The model, as it is called in messages.
+        inputs: The names of its inputs.
+        limit_ns: What a call may take that a cycle waits for, ns.
+        is_over: Whether nothing is watched any more: the process goes on without the model, or ends as it should.
+    """
+
+    name: str
+    inputs: tuple[str, ...] = ()
+    limit_ns: int = LONG_NS
+    is_over: bool = False
+
+
+class WatchedProcess:
+    """A process of which a call is timed."""
+
+    def __init__(self, pid: int) -> None:
+        """Watch the process of this number, which must be there."""
+        self.pidfd = os.pidfd_open(pid)
+        self._threads = Path(f"/proc/{pid}/task")
+        self._clock = (~pid << 3) | 2  # CLOCK_PROCESS_CPUTIME_ID of another process: clock_getcpuclockid(3)
+        self._seen: Seen | None = None
+        self._used_ns: int | None = None
+        self._looked_ns = self._held_ns = 0
+
+    def held_ns(self, seen: Seen, pause_ns: int) -> int:
+        """How long the call has taken that was seen now, `pause_ns` after the look before, ns."""
+        now_ns = time.monotonic_ns()
+        if seen.call is Call.NONE or seen != self._seen:
+            self._held_ns, self._used_ns = 0, None
+        else:
+            used_ns = time.clock_gettime_ns(self._clock)
+            passed_ns = min(now_ns - self._looked_ns, 2 * pause_ns)  # what we were late by is nobody's fault
+            states = self._states()
+            if states == {"S"}:  # it waits for something that does not come from this process
+                self._held_ns += passed_ns
+            elif states.isdisjoint("Tt") and self._used_ns is not None:
+                self._held_ns += min(used_ns - self._used_ns, passed_ns)
+            self._used_ns = used_ns
+        self._seen, self._looked_ns = seen, now_ns
+        return self._held_ns
+
+    def end(self) -> None:
+        """End it: with the traceback and the core of an abort, where it can still give one."""
+        for number, wait_s in ((signal.SIGABRT, _KILL_AFTER_S), (signal.SIGKILL, _OUTPUT_S)):
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self.pidfd, number)
+            if select.select([self.pidfd], [], [], wait_s)[0]:
+                return
+
+    def _states(self) -> set[str]:
+        """Those of its threads, as proc(5) has them: it may wait for one of its own, which waits for a processor."""
+        found = set()
+        for stat in self._threads.glob("*/stat"):
+            with contextlib.suppress(OSError):  # it has ended
+                found.add(stat.read_text().rpartition(")")[2].split()[0])
+        return found
+
+
+class ModelWatcher:
+    """Watches one process until it has ended, or nothing is to be watched any more."""
+
+    def __init__(self, source: int, page: CallPage, process: WatchedProcess, output: ModelOutput) -> None:
+        """Take tasks from the file descriptor `source`."""
+        self._source = source
+        self._page = page
+        self._process = process
+        self._output = output
+        self._task = WatchTask("")
+        self._received = b""
+
+    def run(self) -> str:
+        """Watch; returns what is to be reported of how it ended, empty for nothing."""
+        while not self._task.is_over:
+            pause_ns = min(self._task.limit_ns // _LOOKS, _LONGEST_PAUSE_NS)
+            if select.select([self._source], [], [], pause_ns / _NS_PER_S)[0]:
+                sent = os.read(self._source, _READ_BYTES)
+                if not sent:
+                    return self._ended()
+                self._take(sent)
+            seen = self._page.look()
+            limit_ns = self._limit_ns(seen.call)
+            if limit_ns and self._process.held_ns(seen, pause_ns) > limit_ns:
+                self._process.end()
+                self._output.finish(_OUTPUT_S)
+                within = f"did not return within {limit_ns / _NS_PER_S:g} s"
+                return f"{self._where(seen)}: it {within}, and its process was ended{self._output.place}"
+        return ""
+
+    def _take(self, sent: bytes) -> None:
+        *lines, self._received = (self._received + sent).split(b"\n")
+        for line in lines:
+            self._task = msgspec.json.decode(line, type=WatchTask)
+            self._output.name = self._task.name
+            self._page.resize(len(self._task.inputs))
+
+    def _limit_ns(self, call: Call) -> int:
+        if call in {Call.NONE, Call.LOAD}:  # what loads a model compiles it, and Ctrl-C ends it
+            return 0
+        return LONG_NS if call in {Call.INITIALIZE, Call.TERMINATE} else self._task.limit_ns
+
+    def _ended(self) -> str:
+        """The process has ended, with nobody having said that it would."""
+        self._output.finish(_OUTPUT_S)
+        fault, seen = self._output.reason, self._page.look()
+        if seen.call is Call.LOAD and not fault:  # as by Ctrl-C
+            return f"the process ended while {self._model} was loaded"
+        if seen.call is not Call.NONE:
+            return f"{self._where(seen)}: {fault or 'its process ended without a reason (as by _exit, or a kill)'}"
+        if fault:
+            return f"the process ended after cycle {seen.cycle}, outside of the calls into {self._model}: {fault}"
+        return ""  # whoever killed it knows
+
+    @property
+    def _model(self) -> str:
+        return f"model '{self._task.name}'"
+
+    def _where(self, seen: Seen) -> str:
+        if seen.call is Call.LOAD:
+            return f"{self._model} failed {NAMES[seen.call]}"
+        inputs = self._page.inputs_text(self._task.inputs)
+        return f"{self._model} failed {NAMES[seen.call]} of cycle {seen.cycle} ({inputs})"
+
+
+def main() -> int:
+    """Run as a process: `PAGE OUTPUT`, file descriptors, of the process that started this one."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGABRT):  # which end what is watched, and are to be reported
+        signal.signal(number, signal.SIG_IGN)
+    page, pipe = map(int, sys.argv[1:])
+    output = ModelOutput(pipe, _write)
+    threading.Thread(target=output.run, daemon=True).start()
+    with contextlib.suppress(OSError):  # above the loop, which a call that never returns would not leave
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+    report = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(os.getppid()), output).run()
+    output.finish(_OUTPUT_S)
+    output.close(has_failed=bool(report))
+    if report:
+        _write(f"segway-ecc: {report}\n")
+    return 0
+
+
+def _write(text: str) -> None:
+    with contextlib.suppress(OSError):  # a message that cannot be written is lost
+        os.write(_MESSAGES, text.encode(errors="backslashreplace"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: MIT
+"""What the commander takes of the robot's diagnostics, on a node that a test stands in for."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+
+from segway_ecc.node.errors import NobodyListensError
+from segway_ecc.node.ros.commander import Commander
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.sequence.manoeuvre import Player, PlayState, single_segment
+
+pytestmark = pytest.mark.ros
+
+
+def diagnostics(second: int, name: str, **values: str) -> Any:
+    pairs = [SimpleNamespace(key=key, value=value) for key, value in values.items()]
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=second, nanosec=0))
+    return SimpleNamespace(header=header, status=[SimpleNamespace(name=name, values=pairs)])
+
+
+def callbacks(node: MagicMock) -> dict[str, Callable[..., None]]:
+    return {call.args[1]: call.args[2] for call in node.create_subscription.call_args_list}
+
+
+@pytest.mark.parametrize("values", [{}, {"mode": "REVERSE"}, {"reason": "in gear 2"}, {"mode": ""}])
+def test_mode_in_diagnostics_that_is_not_of_a_robot_changes_nothing(values: dict[str, str]) -> None:
+    node = MagicMock()
+    commander = Commander(node, MagicMock(), "model", lambda: None)
+    receive = callbacks(node)
+    receive["diagnostics"](diagnostics(1, "alice: mode", mode="ARMED", reason="asked to arm"))
+    receive["diagnostics"](diagnostics(2, "gearbox: mode", **values))
+    assert (commander.mode, commander.reason) == (Mode.ARMED, "asked to arm")
+
+
+def test_an_answer_of_one_of_two_robots_ends_with_their_number() -> None:
+    node, executor = MagicMock(), MagicMock()
+    node.count_publishers.return_value = 2
+    commander = Commander(node, executor, "model", lambda: None)
+    odometry, numbers = MagicMock(), iter(range(1000))
+    odometry.pose.pose.orientation = SimpleNamespace(z=0.0, w=1.0)
+
+    def receive_of_both(**_: float) -> None:
+        number = next(numbers)
+        info = {"publication_sequence_number": number // 2 if number % 2 else 1000 + number}
+        callbacks(node)["odom"](odometry, info)
+
+    executor.spin_once.side_effect = receive_of_both
+    player = MagicMock(state=PlayState.REFUSED)
+    player.status.reason = "another sequence is being driven"
+    player.trajectory.return_value = Player(single_segment(1.0, 0.0, 1.0)).trajectory(0)
+    with pytest.raises(NobodyListensError, match="2 robots are in namespace"):
+        commander.play(player, lambda _: None, 1.0)

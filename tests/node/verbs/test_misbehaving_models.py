@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: MIT
+"""Whatever a model does: its name, its cycle, its last inputs and the cause are reported, and the exit code says so."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from segway_ecc.node.watchdog.output import AT_ONCE, PER_S
+
+CYCLE = 7
+MODEL = f"""
+import ctypes, math, os, signal, sys, time
+from segway_ecc import Method, SectionedModel, Variable
+libc = ctypes.CDLL(None)
+
+class Tank(SectionedModel):
+    name, step_size, method = "Tank", 0.01, Method.DISCRETE
+    inputs, outputs = (Variable("inflow", "1", 1.5),), (Variable("level"),)
+    steps = -1
+
+
+    def output(self):
+        self.steps += 1
+        return (self.misbehave() if self.steps > {CYCLE} else 0.5,)
+
+    def misbehave(self):
+        return 0.5
+"""
+ROBOT = """
+name: tank
+model: {source: "tank:Bad", step_limit_s: 0.05}
+arming: at_start
+wiring: {inflow: setpoint.linear_velocity, level: odometry.x}
+"""
+DIES = {
+    "ctypes.string_at(0)": (signal.SIGSEGV, "segmentation fault"),
+    "os.abort()": (signal.SIGABRT, "aborted"),
+    "signal.raise_signal(signal.SIGFPE)": (signal.SIGFPE, "floating point exception"),
+    "os.kill(os.getpid(), signal.SIGKILL)": (signal.SIGKILL, "its process ended without a reason (as by _exit, or a k"),
+    "libc._exit(0)": (0, "its process ended without a reason (as by _exit, or a kill)"),
+}
+NEVER_RETURNS = {
+    "while True: pass": "an endless loop in Python",
+    "libc.pause()": "native code that waits",
+    "time.sleep(1000)": "Python that waits",
+}
+FAILS = {
+    "os._exit(0)": "it called os._exit(0), which would end the process",
+    "1 / 0": "ZeroDivisionError",
+}
+
+
+class Ended(NamedTuple):
+    """How a command ended: its exit code, negative for a signal, standard output, and the lines of standard error."""
+
+    code: int
+    out: str
+    errors: list[str]
+
+    @property
+    def line(self) -> str:
+        """The one line of standard error that names the model."""
+        (found,) = [line for line in self.errors if "Tank" in line]
+        return found
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "robot.yaml").write_text(ROBOT, "utf-8")
+    return tmp_path
+
+
+def write(folder: Path, misbehaviour: str) -> None:
+    """The model whose eighth step, in cycle 7, does something."""
+    body = f"class Bad(Tank):\n    def misbehave(self):\n        {misbehaviour}\n        return 0.5\n"
+    (folder / "tank.py").write_text(f"{MODEL}\n{body}", "utf-8")
+
+
+def call(folder: Path, *words: str, **variables: str) -> Ended:
+    command = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words]
+    given = os.environ | variables
+    done = subprocess.run(command, cwd=folder, env=given, check=False, capture_output=True, text=True)
+    return Ended(done.returncode, done.stdout, done.stderr.splitlines())
+
+
+def drive(folder: Path, misbehaviour: str, *words: str) -> Ended:
+    write(folder, misbehaviour)
+    return call(folder, "run", "robot.yaml", "--no-ros", "--log", "run.mcap", "--duration", "1", *words)
+
+
+def replayed(folder: Path) -> str:
+    return call(folder, "log", "replay", "run.mcap").out
+
+
+@pytest.mark.parametrize("misbehaviour", DIES)
+def test_a_model_that_ends_the_process_is_reported_with_a_whole_log(folder: Path, misbehaviour: str) -> None:
+    number, cause = DIES[misbehaviour]
+    ended = drive(folder, misbehaviour)
+    assert ended.code == -number
+    assert f"model 'Tank' failed in its step of cycle {CYCLE} (last inputs: inflow 0.0): {cause}" in ended.line
+    assert ended.out == ""
+    (folder / "tank.py").write_text((folder / "tank.py").read_text().replace(misbehaviour, "pass"))
+    assert replayed(folder).startswith(f"identical: {CYCLE} cycles")
+
+
+def test_the_line_of_python_is_named(folder: Path) -> None:
+    line = drive(folder, "while True: pass").line
+    number = (folder / "tank.py").read_text().splitlines().index("        while True: pass") + 1
+    assert line.endswith(f"tank.py:{number})")
+
+
+@pytest.mark.parametrize("misbehaviour", NEVER_RETURNS, ids=NEVER_RETURNS.values())
+def test_a_step_that_never_returns_is_ended(folder: Path, misbehaviour: str) -> None:
+    ended = drive(folder, misbehaviour)
+    assert ended.code == -signal.SIGABRT
+    told = (
+        f"model 'Tank' failed in its step of cycle {CYCLE} (last inputs: inflow 0.0): it did not return within 0.05 s"
+    )
+    assert told in ended.line
+    (folder / "tank.py").write_text((folder / "tank.py").read_text().replace(misbehaviour, "pass"))
+    assert replayed(folder).startswith(f"identical: {CYCLE} cycles")
+
+
+@pytest.mark.parametrize("misbehaviour", FAILS)
+def test_a_model_that_raises_or_would_end_python_fails(folder: Path, misbehaviour: str) -> None:
+    ended = drive(folder, misbehaviour)
+    assert ended.code == 3
+    assert ended.errors[-2:] == ["segway-ecc: model 'Tank': last inputs: inflow 0.0", ended.errors[-1]]
+    assert f"model 'Tank' failed in cycle {CYCLE} while running: " in ended.errors[-1]
+    assert FAILS[misbehaviour] in ended.errors[-1]
+
+
+def test_what_a_model_prints_is_limited_and_never_in_the_output(folder: Path) -> None:
+    prints = 'libc.puts(b"from C"); print("from Python"); print("to stderr", file=sys.stderr)'
+    ended = drive(folder, prints, "--json")
+    assert ended.code == 0
+    assert json.loads(ended.out)["cycles"] == 100
+    printed = [line.partition("printed: ")[2] for line in ended.errors if "printed: " in line]
+    assert set(printed) == {"from C", "from Python", "to stderr"}
+    rest = [int(line.split()[-3]) for line in ended.errors if line.endswith("more lines")]
+    assert len(printed) + sum(rest) == 3 * (100 - CYCLE)
+    assert len(printed) <= AT_ONCE + 60 * PER_S
+
+
+def test_the_last_lines_before_a_crash_are_shown(folder: Path) -> None:
+    body = 'libc.printf(b"step %d\\n", self.steps); self.steps < 90 or ctypes.string_at(0)'
+    errors = drive(folder, body).errors
+    assert any(line.endswith("printed: step 90") for line in errors)
+
+
+def test_a_reader_that_stops_reading_holds_up_no_cycle(folder: Path) -> None:
+    write(folder, 'libc.puts(b"x" * 4000)')
+    words = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "run", "robot.yaml", "--no-ros", "--no-log"]
+    with subprocess.Popen([*words, "--duration", "3", "--json"], cwd=folder, stdout=-1, stderr=-1) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.read())["cycles"] > CYCLE
+        assert process.wait(60) == 0
+
+
+def test_a_step_limit_shorter_than_a_step_is_refused(folder: Path) -> None:
+    write(folder, "pass")
+    (folder / "robot.yaml").write_text(ROBOT.replace("0.05", "0.005"), "utf-8")
+    ended = call(folder, "run", "robot.yaml", "--no-ros", "--no-log")
+    assert ended.code == 2
+    assert ended.errors[-1] == ("segway-ecc: model.step_limit_s: 0.005 s is less than the model's step of 0.01 s")
+
+
+def simulate(folder: Path, misbehaviour: str) -> Ended:
+    write(folder, misbehaviour)
+    return call(folder, "model", "simulate", "tank:Bad", "--duration", "0.1", "--json")
+
+
+def test_a_crash_is_reported_as_well_where_the_service_has_python_report_it(folder: Path) -> None:
+    write(folder, "ctypes.string_at(0)")
+    words = ("run", "robot.yaml", "--no-ros", "--no-log", "--duration", "1")
+    ended = call(folder, *words, PYTHONFAULTHANDLER="1")
+    assert ended.code == -signal.SIGSEGV
+    assert f"failed in its step of cycle {CYCLE} (last inputs: inflow 0.0): segmentation fault" in ended.line
+
+
+def test_a_simulation_that_crashes_is_reported(folder: Path) -> None:
+    ended = simulate(folder, "ctypes.string_at(0)")
+    assert ended.code == -signal.SIGSEGV
+    assert f"model 'Tank' failed in its step of cycle {CYCLE + 1} (last inputs: inflow 1.5): segm" in ended.line
+
+
+@pytest.mark.parametrize("value", ["math.nan", "math.inf"])
+def test_a_simulation_whose_output_is_not_finite_has_failed(folder: Path, value: str) -> None:
+    ended = simulate(folder, f"return {value}")
+    assert ended.code == 3
+    assert json.loads(ended.out) == {"time_s": 0.1, "outputs": {"level": None}}
+    assert ended.errors == [f"segway-ecc: output 'level' of model 'Tank' is not finite: {value[5:]} at 0.08 s"]
+
+
+def test_a_simulation_of_a_model_that_raises_is_one_line(folder: Path) -> None:
+    ended = simulate(folder, "1 / 0")
+    assert ended.code == 3
+    (line,) = ended.errors
+    assert "tank:Bad' failed: ZeroDivisionError: division by zero (" in line
+
+
+def test_a_module_that_raises_while_it_is_imported_is_one_line(folder: Path) -> None:
+    (folder / "tank.py").write_text("1 / 0", "utf-8")
+    ended = call(folder, "model", "inspect", "tank:Bad")
+    assert ended.code == 3
+    assert ended.errors[-1].endswith("tank:Bad': ZeroDivisionError: division by zero (" + f"{folder}/tank.py:1)")
+
+
+def test_a_start_value_that_is_not_a_number_is_reported_beside_valid_json(folder: Path) -> None:
+    write(folder, "pass")
+    with (folder / "tank.py").open("a", encoding="utf-8") as file:
+        file.write("    parameters = (Variable('area', value=math.nan),)\n")
+    ended = call(folder, "model", "inspect", "tank:Bad", "--json")
+    assert ended.code == 3
+    assert json.loads(ended.out)["parameters"][0]["value"] is None
+    assert ended.line == "segway-ecc: the start value of 'area' of model 'Tank' is not a number"
+
+
+def test_a_module_that_crashes_while_it_is_imported_is_reported(folder: Path) -> None:
+    (folder / "tank.py").write_text("import ctypes; ctypes.string_at(0)", "utf-8")
+    ended = call(folder, "model", "inspect", "tank:Bad")
+    assert ended.code == -signal.SIGSEGV
+    assert "tank:Bad' failed while it was loaded: segmentation fault" in ended.errors[-1]
