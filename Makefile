@@ -15,6 +15,9 @@ VENV := .venv
 READY := $(VENV)/.ready
 QUICK := not proof and not image
 
+# Where the environment forbids bytecode, each process that a test starts compiles all it imports, and each worker every test.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: run test rt-test test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
