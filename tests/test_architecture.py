@@ -5,7 +5,7 @@ import ast
 import graphlib
 import itertools
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -98,7 +98,20 @@ def _module(path: Path) -> str:
 
 
 SOURCES = _sources()
-TREES = {module: ast.parse(path.read_text(encoding="utf-8")) for module, path in SOURCES.items()}
+
+Trees = Mapping[str, ast.Module]
+Imports = Mapping[str, tuple[Import, ...]]
+
+
+# Read where they are used, and not kept: each worker collects this file, and walks through what it keeps.
+@pytest.fixture(scope="module")
+def trees() -> Trees:
+    return {module: ast.parse(path.read_text(encoding="utf-8")) for module, path in SOURCES.items()}
+
+
+@pytest.fixture(scope="module")
+def imports(trees: Trees) -> Imports:
+    return {module: tuple(_imports(module, tree)) for module, tree in trees.items()}
 
 
 def _within(module: str, pattern: str) -> bool:
@@ -133,27 +146,27 @@ def _text(call: ast.Call) -> Iterator[str]:
             yield beginning.rstrip(".")
 
 
-def _imports(module: str) -> Iterator[Import]:
+def _imports(module: str, tree: ast.Module) -> Iterator[Import]:
     file = str(SOURCES[module].relative_to(ROOT))
-    for node in ast.walk(TREES[module]):
+    for node in ast.walk(tree):
         for name in _named(node):
             yield Import(file, getattr(node, "lineno", 0), module, name)
 
 
-def _breaches(rule: Rule) -> list[str]:
+def _breaches(rule: Rule, imports: Imports) -> list[str]:
     modules = [m for m in SOURCES if _within_any(m, rule.modules) and not _within_any(m, rule.but_not_in)]
     assert modules, f"there is no module in {rule.modules}: the rule would never fail"
     return [
         str(found)
         for module in modules
-        for found in _imports(module)
+        for found in imports[module]
         if _within_any(found.name, rule.forbidden) and not _within_any(found.name, rule.allowed)
     ]
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=list(RULES))
-def test_arrows_point_one_way(rule: Rule) -> None:
-    breaches = _breaches(rule)
+def test_arrows_point_one_way(rule: Rule, imports: Imports) -> None:
+    breaches = _breaches(rule, imports)
     assert not breaches, "\n".join(breaches)
 
 
@@ -167,22 +180,22 @@ def _package(name: str) -> str:
     return ".".join(name.split(".")[1:3])
 
 
-def _arrows(unit: Callable[[str], str]) -> dict[str, dict[str, Import]]:
+def _arrows(unit: Callable[[str], str], imports: Imports) -> dict[str, dict[str, Import]]:
     """From each unit to those that it imports, with one import that says so."""
     arrows: dict[str, dict[str, Import]] = defaultdict(dict)
     for module in SOURCES:
         if module.count(".") == 0:
             continue
-        for found in _imports(module):
+        for found in imports[module]:
             if found.name in SOURCES and found.name.count(".") > 0 and unit(found.name) != unit(module):
                 arrows[unit(module)].setdefault(unit(found.name), found)
     return arrows
 
 
-def test_no_arrow_points_up_to_a_higher_room() -> None:
+def test_no_arrow_points_up_to_a_higher_room(imports: Imports) -> None:
     upward = [
         str(found)
-        for room, targets in _arrows(_room).items()
+        for room, targets in _arrows(_room, imports).items()
         for target, found in targets.items()
         if room in FLOORS and target in FLOORS and FLOORS.index(target) > FLOORS.index(room)
     ]
@@ -199,13 +212,13 @@ def _circle(arrows: dict[str, dict[str, Import]]) -> list[str]:
     return []
 
 
-def test_no_circle_between_the_packages_of_the_rooms() -> None:
-    circle = _circle(_arrows(_package))
+def test_no_circle_between_the_packages_of_the_rooms(imports: Imports) -> None:
+    circle = _circle(_arrows(_package, imports))
     assert not circle, "\n".join(circle)
 
 
-def test_no_circle_between_files() -> None:
-    circle = _circle(_arrows(lambda module: module))
+def test_no_circle_between_files(imports: Imports) -> None:
+    circle = _circle(_arrows(lambda module: module, imports))
     assert not circle, "\n".join(circle)
 
 
@@ -214,11 +227,11 @@ def test_a_circle_would_be_found() -> None:
     assert sorted(_circle({"a": {"b": first}, "b": {"a": second}})) == [str(first), str(second)]
 
 
-def test_a_module_that_is_imported_by_a_computed_name_can_only_be_what_is_known() -> None:
+def test_a_module_that_is_imported_by_a_computed_name_can_only_be_what_is_known(trees: Trees) -> None:
     """Such calls escape the rules above, so each one is listed."""
     computed = [
         module.removeprefix(f"{NAMESPACE}.")
-        for module, tree in TREES.items()
+        for module, tree in trees.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and _is_import(node) and not list(_text(node))
     ]
@@ -238,10 +251,10 @@ def _is_import(call: ast.Call) -> bool:
     return False
 
 
-def test_imports_are_absolute() -> None:
+def test_imports_are_absolute(trees: Trees) -> None:
     relative = [
         f"{SOURCES[module].relative_to(ROOT)}:{node.lineno} imports {'.' * node.level}{node.module or ''}"
-        for module, tree in TREES.items()
+        for module, tree in trees.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and node.level > 0
     ]
@@ -259,10 +272,10 @@ def _uses_of_the_float_clock(tree: ast.Module) -> Iterator[int]:
                 yield line
 
 
-def test_nothing_reads_the_wall_clock_as_a_float() -> None:
+def test_nothing_reads_the_wall_clock_as_a_float(trees: Trees) -> None:
     uses = [
         f"{SOURCES[module].relative_to(ROOT)}:{line} uses time.time; take a clock's now_ns or wall_ns"
-        for module, tree in TREES.items()
+        for module, tree in trees.items()
         for line in _uses_of_the_float_clock(tree)
     ]
     assert not uses, "\n".join(uses)

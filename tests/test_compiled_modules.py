@@ -2,18 +2,24 @@
 """The modules that a compiled wheel compiles, by what can be read from the source; `make test-compiled` runs them."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import pytest
 
 from tests.compiled_modules import COMPILED, HOOK, PROJECT, ROOT, WHEEL
 
-TREES = {
-    str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8"))
-    for package in WHEEL["packages"]
-    for room in sorted((ROOT / package).iterdir())
-    for path in ([room] if room.suffix == ".py" else sorted(room.rglob("*.py")))
-}
+Trees = Mapping[str, ast.Module]
+
+
+# Read where they are used, and not kept: each worker collects this file.
+@pytest.fixture(scope="module")
+def trees() -> Trees:
+    return {
+        str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8"))
+        for package in WHEEL["packages"]
+        for room in sorted((ROOT / package).iterdir())
+        for path in ([room] if room.suffix == ".py" else sorted(room.rglob("*.py")))
+    }
 
 
 def test_nothing_is_compiled_unless_asked_for() -> None:
@@ -21,16 +27,16 @@ def test_nothing_is_compiled_unless_asked_for() -> None:
 
 
 @pytest.mark.parametrize("path", COMPILED)
-def test_a_module_that_is_compiled_is_there(path: str) -> None:
-    assert path in TREES
+def test_a_module_that_is_compiled_is_there(path: str, trees: Trees) -> None:
+    assert path in trees
 
 
 def test_the_list_is_sorted_and_has_each_module_once() -> None:
     assert sorted(set(COMPILED)) == COMPILED
 
 
-def _classes(path: str) -> Iterator[ast.ClassDef]:
-    return (node for node in ast.walk(TREES[path]) if isinstance(node, ast.ClassDef))
+def _classes(tree: ast.Module) -> Iterator[ast.ClassDef]:
+    return (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
 
 
 def _is_open(kind: ast.ClassDef) -> bool:
@@ -40,13 +46,13 @@ def _is_open(kind: ast.ClassDef) -> bool:
     return bool(is_python) or any("allow_interpreted_subclasses=True" in ast.unparse(d) for d in kind.decorator_list)
 
 
-def test_no_class_in_plain_python_builds_on_one_that_is_compiled() -> None:
+def test_no_class_in_plain_python_builds_on_one_that_is_compiled(trees: Trees) -> None:
     """It would be refused with a TypeError, at its first use."""
-    closed = {kind.name for path in COMPILED for kind in _classes(path) if not _is_open(kind)}
+    closed = {kind.name for path in COMPILED for kind in _classes(trees[path]) if not _is_open(kind)}
     breaches = [
         f"{path}:{kind.lineno} {kind.name} builds on {base.id}"
-        for path in TREES.keys() - set(COMPILED)
-        for kind in _classes(path)
+        for path in trees.keys() - set(COMPILED)
+        for kind in _classes(trees[path])
         for base in kind.bases
         if isinstance(base, ast.Name) and base.id in closed
     ]
@@ -54,17 +60,17 @@ def test_no_class_in_plain_python_builds_on_one_that_is_compiled() -> None:
 
 
 @pytest.mark.parametrize("path", COMPILED)
-def test_no_class_that_is_compiled_has_options_of_its_own(path: str) -> None:
+def test_no_class_that_is_compiled_has_options_of_its_own(path: str, trees: Trees) -> None:
     """mypyc drops them without a word: they are inherited from `segway_ecc.firmware_io.value.Value`."""
-    for kind in _classes(path):
+    for kind in _classes(trees[path]):
         options = {keyword.arg for keyword in kind.keywords}
         assert not options or (options == {"frozen"} and ast.unparse(kind.bases[0]) == "Value"), kind.name
 
 
 @pytest.mark.parametrize("path", COMPILED)
-def test_no_tuple_of_floats_is_final_without_a_wider_type(path: str) -> None:
+def test_no_tuple_of_floats_is_final_without_a_wider_type(path: str, trees: Trees) -> None:
     """Compiled, reading it raises NameError (mypyc issue 1183): write `Final[Sequence[float]]`."""
-    for node in TREES[path].body:
+    for node in trees[path].body:
         match node:
             case ast.AnnAssign(annotation=ast.Name(id="Final"), value=ast.Tuple([ast.Constant(float()), *_])):
                 pytest.fail(f"{path}:{node.lineno} is a Final tuple that begins with a float")

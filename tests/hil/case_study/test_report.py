@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import pytest
+
 from segway_ecc.hil.case_study.report import render
 from segway_ecc.hil.case_study.study import Edge, LoopTiming, RealTimeRun, Seat, Study, Trajectory, thesis_cells
 
@@ -74,55 +76,57 @@ def _body_rows(text: str) -> Sequence[list[str]]:
     return [row for row in _Page(text).rows if row[0].isdigit()]
 
 
-_FULL = render(study_of(*Seat))
+@pytest.fixture(scope="module")
+def full() -> str:
+    return render(study_of(*Seat))
 
 
-def test_tags_are_balanced() -> None:
-    assert _Page(_FULL).tags.count("table") == 1
+def test_tags_are_balanced(full: str) -> None:
+    assert _Page(full).tags.count("table") == 1
 
 
-def test_holds_five_well_formed_figures() -> None:
-    svgs = re.findall(r"<svg.*?</svg>", _FULL, flags=re.DOTALL)
-    assert len(svgs) == _Page(_FULL).tags.count("figcaption") == 5
+def test_holds_five_well_formed_figures(full: str) -> None:
+    svgs = re.findall(r"<svg.*?</svg>", full, flags=re.DOTALL)
+    assert len(svgs) == _Page(full).tags.count("figcaption") == 5
     for svg in svgs:
         assert ET.fromstring(svg).attrib["role"] == "img"  # noqa: S314 - our own output
 
 
-def test_ids_are_unique() -> None:
-    ids = [value for name, value in _Page(_FULL).attributes if name == "id"]
+def test_ids_are_unique(full: str) -> None:
+    ids = [value for name, value in _Page(full).attributes if name == "id"]
     assert ids
     assert len(ids) == len(set(ids))
 
 
-def test_loads_nothing() -> None:
-    page = _Page(_FULL)
+def test_loads_nothing(full: str) -> None:
+    page = _Page(full)
     assert not {"script", "link", "img", "iframe", "object", "image"} & set(page.tags)
     references = [value or "" for name, value in page.attributes if name in {"src", "href", "xlink:href"}]
     assert all(value.startswith("#") for value in references)
-    assert "@import" not in _FULL
-    assert not re.search(r"url\((?!#)", _FULL)
-    assert set(re.findall(r"https?://[^\"]*", _FULL)) == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert "@import" not in full
+    assert not re.search(r"url\((?!#)", full)
+    assert set(re.findall(r"https?://[^\"]*", full)) == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
 
 
-def test_is_the_same_every_time() -> None:
-    assert render(study_of(*Seat)) == _FULL
+def test_is_the_same_every_time(full: str) -> None:
+    assert render(study_of(*Seat)) == full
 
 
-def test_rows_hold_the_numbers_of_the_study() -> None:
-    rows = _body_rows(_FULL)
+def test_rows_hold_the_numbers_of_the_study(full: str) -> None:
+    rows = _body_rows(full)
     assert len(rows) == 12
     assert rows[5][:5] == ["2", "4", "0.43, 0.76", "0.49, 0.60", "0.4312, 0.7600"]
     assert rows[5][4 + len(Seat) :] == ["0.1600", *["0.0012"] * len(Seat)]
 
 
-def test_every_heading_of_the_table_has_a_scope() -> None:
-    headings = re.findall(r"<th\b[^>]*>", _FULL)
+def test_every_heading_of_the_table_has_a_scope(full: str) -> None:
+    headings = re.findall(r"<th\b[^>]*>", full)
     assert headings
     assert all("scope=" in heading for heading in headings)
 
 
-def test_verdict_names_the_worst_difference_of_each_seat() -> None:
-    offline, submodel, ros, can, sameness = _items(_FULL)
+def test_verdict_names_the_worst_difference_of_each_seat(full: str) -> None:
+    offline, submodel, ros, can, sameness = _items(full)
     assert submodel.startswith("The submodel seat: 0.0012 m")
     assert offline.startswith("The offline seat: 0.0012 m in 12 of 12 cells, smaller than")
     assert ros.startswith("The ros seat: 0.0012 m")
@@ -160,14 +164,14 @@ def test_a_cell_that_a_seat_skipped_is_stated() -> None:
     assert _body_rows(render(replace(study, cells=cells)))[0].count("not run") == 4
 
 
-def test_the_run_in_real_time_and_what_was_repeated_are_stated() -> None:
+def test_the_run_in_real_time_and_what_was_repeated_are_stated(full: str) -> None:
     real = RealTimeRun("1 m/s", LoopTiming(0.0001, 0.002, 3, 0.25), 0.0125)
     causes = ["ros turn, try 1 of 3: lost", "ros turn, try 2 of 3: lost"]
     text = render(replace(study_of(Seat.CAN), real_time=real, repeated=causes))
 
     assert _items(text)[-1] == real.text
     assert f"<dt>Repeated runs</dt>\n<dd>{' | '.join(causes)}</dd>" in text
-    assert "<dt>Repeated runs</dt>\n<dd>none</dd>" in _FULL
+    assert "<dt>Repeated runs</dt>\n<dd>none</dd>" in full
 
 
 def test_text_is_escaped() -> None:
