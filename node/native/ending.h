@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* What would end the process ends the call into the model instead, which then fails: exit and its kin, abort, and an
-   assertion that does not hold.
+/* What would end the process ends the call into the model instead, which then fails: exit and its kin, also by the
+   number of the system call, abort, and an assertion that does not hold.
 
    Part of a shim, for one instance of a model, whose calls these functions take in place of the C library's; a function
    of the model's own under one of these names is the one that it calls. Outside a call of ours, as in a thread that the
@@ -13,7 +13,9 @@
 #endif
 #include <dlfcn.h>
 #include <setjmp.h>
+#include <stdarg.h>
 #include <stdio.h>
+#include <sys/syscall.h>
 
 static __thread jmp_buf *ecc_way_out; /* of the call into the model that this thread is in */
 static __thread char ecc_ended_by[240];
@@ -60,6 +62,24 @@ ECC_STAND_IN void abort(void)
     other();
     __builtin_trap();
 }
+
+#ifdef ECC_SYSCALL
+/* In place of ECC_REAL_SYSCALL, for who ends the process, or the loop's thread, by the number of the system call. */
+long ECC_REAL_SYSCALL(long number, ...);
+long ECC_SYSCALL(long number, ...);
+long ECC_SYSCALL(long number, ...)
+{
+    long a[6];
+    va_list given;
+    va_start(given, number);
+    for (int i = 0; i < 6; i++) /* as many as there can be: the C library's function passes all on as well */
+        a[i] = va_arg(given, long);
+    va_end(given);
+    if (number == SYS_exit_group || number == SYS_exit)
+        ecc_leave_by(number == SYS_exit ? "the system call exit" : "the system call exit_group", (int) a[0]);
+    return ECC_REAL_SYSCALL(number, a[0], a[1], a[2], a[3], a[4], a[5]);
+}
+#endif
 
 /* What the macro assert calls, of the C library's ABI. */
 ECC_STAND_IN void __assert_fail(const char *text, const char *file, unsigned int line, const char *function)

@@ -13,6 +13,8 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#define ECC_SYSCALL ecc_syscall
+#define ECC_REAL_SYSCALL syscall
 #include "../ending.h"
 
 #if defined(__GLIBC__) && (defined(__x86_64__) || defined(__aarch64__))
@@ -32,7 +34,7 @@ static const struct {
 } own_functions[] = {OURS(rand),    OURS(srand),   OURS(random),  OURS(srandom), OURS(drand48),
                      OURS(lrand48), OURS(mrand48), OURS(srand48), OURS(time),
                      OURS(exit),    OURS(_exit),   OURS(_Exit),   OURS(quick_exit),
-                     OURS(abort),   OURS(__assert_fail)};
+                     OURS(abort),   OURS(__assert_fail), {"syscall", (uintptr_t)&ecc_syscall}};
 
 /* A table that the dynamic section names; the GNU C library has added the base address there, others have not. */
 static uintptr_t placed(const struct link_map *map, ElfW(Addr) address) {

@@ -30,6 +30,10 @@ _CPP: Final = ("-std=c++17", "-fno-gnu-unique")
 _SHIM_CPP: Final = ("-fno-access-control",)
 _LINK: Final = ("-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic", "-lm", "-ldl")
 _LIBRARY: Final = "model.so"
+_SYSCALL: Final = re.compile(r"\bsyscall\b(?!\.h)")
+_SYSCALL_SHIM: Final = ("-DECC_SYSCALL=__wrap_syscall", "-DECC_REAL_SYSCALL=__real_syscall")
+_SYSCALL_LINK: Final = "-Wl,--wrap=syscall"
+"""Only for code that calls it, which `repeatability_warnings` goes by."""
 _WARNINGS: Final = "warnings.txt"
 _OWN_FUNCTIONS: Final = ("Matrix", "Inverse", "MotionProfile", "Euler")
 _INCLUDE: Final = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">]", re.MULTILINE)
@@ -60,13 +64,16 @@ def build(parts: Parts, header: str, model: bytes) -> tuple[Path, tuple[str, ...
     files |= {"shim/ending.h": (home.parent / "ending.h").read_bytes(), "shim/ecc_model.h": header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), *ours]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
+    calls_by_number = any(_SYSCALL.search(file.code) for file in (*folder.sources, *folder.headers))
     commands = []
     for index, unit in enumerate(units):
         cpp = Path(unit).suffix.lower() in CPP_SUFFIXES
         own = (*(_CPP if cpp else _C), *(_SHIM_CPP if cpp and unit.startswith("shim/") else ()))
+        own += _SYSCALL_SHIM if unit == ours[0] and calls_by_number else ()
         commands.append((cpp, [*_COMPILE, *own, *includes, "-o", f"{index}.o", unit]))
     objects = [f"{index}.o" for index in range(len(units))]
-    commands.append((parts.is_cpp, [*objects, *_LINK, "-o", f"../{_LIBRARY}"]))
+    link = (*_LINK, _SYSCALL_LINK) if calls_by_number else _LINK
+    commands.append((parts.is_cpp, [*objects, *link, "-o", f"../{_LIBRARY}"]))
     identities = [compiler_identity(cpp=cpp) for cpp in sorted({cpp for cpp, _ in commands})]
     named = [part for name, content in sorted(files.items()) for part in (os.fsencode(name), content)]
     key = digest(*named, *(word for _, words in commands for word in words), *identities)

@@ -18,6 +18,7 @@ LATER = "static int calls; if (calls++ > 20) {{ {} }} return 1.0;"
 ENDINGS = {
     "exit(0);": "it called exit(0), which would end the process",
     "_exit(0);": "it called _exit(0), which would end the process",
+    "syscall(SYS_exit_group, 0);": "it called the system call exit_group(0), which would end the process",
     "quick_exit(4);": "it called quick_exit(4), which would end the process",
     "abort();": "it called abort(), which would end the process",
     "assert(calls < 20);": "its assertion 'calls < 20' does not hold (",
@@ -48,6 +49,14 @@ def failure(path: Path) -> str:
 @pytest.mark.parametrize("call", ENDINGS)
 def test_a_step_that_would_end_the_process_fails(make: Maker, tmp_path: Path, shape: str, call: str) -> None:
     assert ENDINGS[call] in failure(noisy(make, tmp_path, shape, LATER.format(call)))
+
+
+@pytest.mark.parametrize("shape", ["submodel", "cpp_class", "binary"])
+def test_other_system_calls_by_number_are_made_as_they_are(make: Maker, tmp_path: Path, shape: str) -> None:
+    writes = "syscall(SYS_pipe2, ends, O_CLOEXEC); syscall(SYS_write, ends[1], &c, 1L); c = 0;"
+    ends = "close(ends[0]); close(ends[1]); assert(syscall(1000) == -1); return c;"
+    body = f"int ends[2]; char c = 7; {writes} assert(syscall(SYS_read, ends[0], &c, 1L) == 1 && c == 7); {ends}"
+    run(load_native(noisy(make, tmp_path, shape, body)))
 
 
 def test_initial_equations_that_would_end_the_process_fail(make: Maker, tmp_path: Path) -> None:
