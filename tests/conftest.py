@@ -5,8 +5,11 @@ import importlib.util
 import os
 import shutil
 import signal
+from collections import Counter
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
+from typing import Final
 
 import pytest
 from hypothesis import settings
@@ -89,7 +92,31 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             raise pytest.UsageError(f"marked {marker} from elsewhere, and so not run by make test: {', '.join(hidden)}")
 
 
+class LongestFirst:
+    """Gives out the files that take longest first, where workers share them, so that none ends long after the others.
+
+    A guest takes longest to boot; then come files that start a browser or a compiler, then those of `LONG`; in each, those
+    with the most tests.
+    """
+
+    KINDS: Final = (("kernel",), ("browser", "compiler"))
+    LONG: Final = tuple(Path(__file__).parent / name for name in ("hil", "deploy/release", "node/replay"))
+    """Folders whose tests run whole robots, or install on one."""
+
+    @pytest.hookimpl(trylast=True)  # when every item has its markers, and those that are not run are gone
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        counts = Counter(item.path for item in items)
+        ranks = {path: min(map(self._rank, group)) for path, group in groupby(items, lambda item: item.path)}
+        items.sort(key=lambda item: (ranks[item.path], -counts[item.path], str(item.path)))
+
+    def _rank(self, item: pytest.Item) -> int:
+        found = (rank for rank, kind in enumerate(self.KINDS) if any(map(item.get_closest_marker, kind)))
+        return next(found, len(self.KINDS) + (not any(folder in item.path.parents for folder in self.LONG)))
+
+
 def pytest_configure(config: pytest.Config) -> None:
+    if not getattr(config.option, "loadscopereorder", True):
+        config.pluginmanager.register(LongestFirst())
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's `&` leaves it; tests send it
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.pluginmanager.register(held_up)
