@@ -95,7 +95,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 class LongestFirst:
     """Gives out the files that take longest first, where workers share them, so that none ends long after the others.
 
-    A guest takes longest to boot; then come files that start a browser or a compiler, then those of `LONG`; in each, those
+    A guest takes longest; then come files that start a browser or a compiler, then those of `LONG`; in each, those
     with the most tests.
     """
 
