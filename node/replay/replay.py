@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.node.cycle.interfaces import MODEL_CALL, CycleRecord, NoRecorder
 from segway_ecc.node.cycle.state import FAILURES, Snapshot, compare_snapshots, restore_snapshot
 from segway_ecc.node.cycle.wiring import wire
@@ -21,6 +22,7 @@ from segway_ecc.node.recording.layout import CycleLayout, surroundings
 from segway_ecc.node.recording.robot_provenance import model_hash
 from segway_ecc.node.replay.recorded import RecordedRobot, RecordedRun, writes_in
 from segway_ecc.node.robot import Robot
+from segway_ecc.node.watchdog.watchdog import ModelWatchdog, step_limit_s
 
 _BEFORE: Final = 5
 _AFTER: Final = 5
@@ -97,7 +99,10 @@ class Outcome:
 
 
 def replay(
-    path: Path, model: str | None = None, look: Callable[[CycleRecord, CycleRecord], None] | None = None
+    path: Path,
+    model: str | None = None,
+    look: Callable[[CycleRecord, CycleRecord], None] | None = None,
+    watchdog: ModelWatchdog | None = None,
 ) -> Outcome:
     """Replay a log up to the first difference; behind cycles that are missing, from the next snapshot of the state.
 
@@ -105,13 +110,14 @@ def replay(
         path: The log; of a run in several files, the first that is there.
         model: The model's source in place of the one that the log names, where it has moved.
         look: Called with each cycle, as recorded and as computed.
+        watchdog: Watches the calls into the model.
 
     Raises:
         RecordingError: The log cannot be read, or is none of a run.
         ModelError: The model cannot be loaded.
     """
     run = RecordedRun(path)
-    player = _Player(run, model)
+    player = _Player(run, model, watchdog)
     outcome = Outcome()
     last: deque[tuple[CycleRecord, CycleRecord]] = deque(maxlen=_BEFORE)
     first_ns, after = None, 0
@@ -157,11 +163,14 @@ class _Player:
         keeper: Keeps the newest cycle as computed.
         is_other_model: Whether the model is not the one that ran.
         refusal: Why a snapshot could not be put back; empty where all could.
+        cycle: The number of the present cycle.
     """
 
-    def __init__(self, run: RecordedRun, model: str | None) -> None:
+    def __init__(self, run: RecordedRun, model: str | None, watchdog: ModelWatchdog | None) -> None:
         """Make the robot, with the model that is there now."""
         self.refusal = ""
+        self.cycle = 0
+        self._watchdog = watchdog
         self._run = run
         folders = (run.path.resolve().parent, Path())
         source = locate_recorded(run.robot.model.source, folders) if model is None else locate(model, folders)
@@ -175,6 +184,7 @@ class _Player:
         Raises:
             ModelFailedError: The model's equations raised, as they had not.
         """
+        self.cycle = record.cycle
         try:
             reached = self._reach(record)
             return None if reached is None else [*reached, *self._run_again(record)]
@@ -235,7 +245,13 @@ class _Player:
     def _make(self, record: CycleRecord) -> None:
         """Make the robot anew, to begin with a cycle."""
         section = self._file.model
+        if self._watchdog is not None:
+            self._watchdog.load(section.source)
         self._model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
+        if self._watchdog is not None:
+            limit_s = step_limit_s(section.step_limit_s, self._model.step_size)
+            self._model = watched = self._watchdog.watch(self._model, round(limit_s * NS_PER_S))
+            watched.counter = self
         self.is_other_model = self._run.model_hash != model_hash(section.source)  # of a model that is loaded
         self._recorded, self.keeper = RecordedRobot(self._run.layout), _Keeper()
         self._recorded.pass_to(record)

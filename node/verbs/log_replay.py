@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """`segway-ecc log replay LOG`: a recorded run through the same model and safety code again, compared to the last bit.
 
-Exit codes: 0 the log is whole and every cycle identical; 1 one differs; 2 arguments; 3 the model cannot be loaded; 9
-the log cannot be read or replayed, is damaged, lacks cycles or ends before its time (what was compared is identical).
+Exit codes: 0 the log is whole and every cycle identical; 1 one differs; 2 arguments; 3 the model cannot be loaded, or
+ends its process; 9 the log cannot be read or replayed, is damaged, lacks cycles or ends before its time (what was
+compared is identical); 134 the model does not return from a call, else 128 + N as it crashes by signal N.
 """
 
 import argparse
@@ -16,6 +17,8 @@ from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.replay.replay import Outcome, replay
+from segway_ecc.node.watchdog.apart import run_apart
+from segway_ecc.node.watchdog.watchdog import model_watchdog
 
 _DIFFERS: Final = 1
 _AHEAD: Final = "  "
@@ -33,13 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay, and report the outcome."""
-    names = RecordedRun(options.log).layout.commands
-    pairs: list[tuple[CycleRecord, CycleRecord]] = []
-
-    def keep(recorded: CycleRecord, computed: CycleRecord) -> None:
-        pairs.append((recorded, computed))
-
-    outcome = replay(options.log, options.model, None if options.plot is None else keep)
+    log = RecordedRun(options.log)
+    names, source = log.layout.commands, options.model or log.robot.model.source
+    outcome, pairs = run_apart(lambda: _replay_watched(options, source))
     if options.plot is not None:
         times = [(recorded.start_ns - pairs[0][0].start_ns) * 1e-9 for recorded, _ in pairs]
         panels = []
@@ -81,6 +80,17 @@ def run(options: argparse.Namespace) -> int:
     if outcome.difference is not None:
         return _DIFFERS
     return 0 if outcome.is_whole and outcome.cycles else RecordingError.exit_code
+
+
+def _replay_watched(options: argparse.Namespace, source: str) -> tuple[Outcome, list[tuple[CycleRecord, CycleRecord]]]:
+    """The outcome, and the cycles where they are to be drawn."""
+    pairs: list[tuple[CycleRecord, CycleRecord]] = []
+
+    def keep(recorded: CycleRecord, computed: CycleRecord) -> None:
+        pairs.append((recorded, computed))
+
+    with model_watchdog(source) as watchdog:
+        return replay(options.log, options.model, None if options.plot is None else keep, watchdog), pairs
 
 
 def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:

@@ -45,9 +45,11 @@ class ModelOutput:
         name: The model, as it is called in messages.
     """
 
-    def __init__(self, pipe: int, write: Callable[[str], object], now_s: Callable[[], float] = time.monotonic) -> None:
-        """Read the file descriptor `pipe`, and give lines to `write`."""
-        self.name = ""
+    def __init__(
+        self, pipe: int, write: Callable[[str], object], now_s: Callable[[], float] = time.monotonic, *, name: str
+    ) -> None:
+        """Read the file descriptor `pipe`, and give lines of the model of this `name` to `write`."""
+        self.name = name
         self._pipe = pipe
         self._write = write
         self._now_s = now_s

@@ -101,13 +101,15 @@ class WatchedProcess:
 class ModelWatcher:
     """Watches one process until it has ended, or nothing is to be watched any more."""
 
-    def __init__(self, source: int, page: CallPage, process: WatchedProcess, output: ModelOutput) -> None:
-        """Take tasks from the file descriptor `source`."""
+    def __init__(
+        self, source: int, page: CallPage, process: WatchedProcess, output: ModelOutput, task: WatchTask
+    ) -> None:
+        """Begin with `task`; take others from the file descriptor `source`."""
         self._source = source
         self._page = page
         self._process = process
         self._output = output
-        self._task = WatchTask("")
+        self._task = task
         self._received = b""
 
     def run(self) -> str:
@@ -164,15 +166,15 @@ class ModelWatcher:
 
 
 def main() -> int:
-    """Run as a process: `PAGE OUTPUT`, file descriptors, of the process that started this one."""
+    """Run as a process: `PAGE OUTPUT SOURCE`, file descriptors of its parent's, and what model is loaded at first."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGABRT):  # which end what is watched, and are to be reported
         signal.signal(number, signal.SIG_IGN)
-    page, pipe = map(int, sys.argv[1:])
-    output = ModelOutput(pipe, _write)
+    page, pipe, task = int(sys.argv[1]), int(sys.argv[2]), WatchTask(sys.argv[3])
+    output = ModelOutput(pipe, _write, name=task.name)
     threading.Thread(target=output.run, daemon=True).start()
     with contextlib.suppress(OSError):  # above the loop, which a call that never returns would not leave
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
-    report = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(os.getppid()), output).run()
+    report = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(os.getppid()), output, task).run()
     output.finish(_OUTPUT_S)
     output.close(has_failed=bool(report))
     if report:

@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from segway_ecc.node.errors import ConfigurationError, ModelError
+from segway_ecc.node.errors import ConfigurationError, ModelError, printable, shortened
 from segway_ecc.node.helper import end_helper, send_messages_to, send_task, start_helper
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.watchdog.page import Call, CallPage
@@ -68,6 +68,11 @@ class ModelWatchdog:
         self._page = page
         self._process = process
         self._name = source
+
+    def load(self, source: str) -> None:
+        """The model of this `source` is being loaded, in place of the one before."""
+        self._name = source
+        self._page.enter(Call.LOAD, 0, time.monotonic_ns())
         self._send(WatchTask(source))
 
     def watch(self, model: Model, limit_ns: int = LONG_NS) -> WatchedModel:
@@ -103,7 +108,8 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
         os.set_blocking(printed, False)
         page = CallPage(memory)
         page.enter(Call.LOAD, 0, time.monotonic_ns())
-        process = start_helper(_MODULE, (str(memory), str(pipe)), (memory, pipe))
+        name = printable(shortened(source.replace("\0", " ")))  # with the arguments: it may be needed at once
+        process = start_helper(_MODULE, (str(memory), str(pipe), name), (memory, pipe))
         watchdog = ModelWatchdog(page, process, source)
         threading.Thread(target=_report_end, args=(process,), daemon=True).start()
         try:

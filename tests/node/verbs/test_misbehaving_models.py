@@ -171,6 +171,38 @@ def test_a_step_limit_shorter_than_a_step_is_refused(folder: Path) -> None:
     assert ended.errors[-1] == ("segway-ecc: model.step_limit_s: 0.005 s is less than the model's step of 0.01 s")
 
 
+REPLAY_ENDS = {
+    "ctypes.string_at(0)": (128 + signal.SIGSEGV, "segmentation fault"),
+    "while True: pass": (128 + signal.SIGABRT, "it did not return within 0.05 s, and its process was ended"),
+    "libc._exit(0)": (3, "its process ended without a reason (as by _exit, or a kill)"),
+}
+
+
+@pytest.mark.parametrize("misbehaviour", REPLAY_ENDS)
+def test_a_replay_whose_model_ends_the_process_is_reported(folder: Path, misbehaviour: str) -> None:
+    code, cause = REPLAY_ENDS[misbehaviour]
+    assert drive(folder, "pass").code == 0
+    write(folder, misbehaviour)
+    ended = call(folder, "log", "replay", "run.mcap", "--json")
+    assert (ended.code, ended.out) == (code, "")
+    assert f"model 'Tank' failed in its step of cycle {CYCLE} (last inputs: inflow 0.0): {cause}" in ended.line
+
+
+def test_a_model_that_crashes_while_a_replay_loads_it_is_reported(folder: Path) -> None:
+    assert drive(folder, "pass").code == 0
+    (folder / "tank.py").write_text("import ctypes; ctypes.string_at(0)", "utf-8")
+    ended = call(folder, "log", "replay", "run.mcap")
+    assert ended.code == 128 + signal.SIGSEGV
+    assert "tank:Bad' failed while it was loaded: segmentation fault" in ended.errors[-1]
+
+
+def test_what_a_model_prints_in_a_replay_is_not_in_its_output(folder: Path) -> None:
+    assert drive(folder, "print('from Python')").code == 0
+    ended = call(folder, "log", "replay", "run.mcap", "--json")
+    assert (ended.code, json.loads(ended.out)["identical"]) == (0, True)
+    assert "segway-ecc: model 'Tank' printed: from Python" in ended.errors
+
+
 def simulate(folder: Path, misbehaviour: str) -> Ended:
     write(folder, misbehaviour)
     return call(folder, "model", "simulate", "tank:Bad", "--duration", "0.1", "--json")

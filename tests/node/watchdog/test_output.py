@@ -32,9 +32,7 @@ def end() -> SimpleNamespace:
 
 @pytest.fixture
 def output(end: SimpleNamespace) -> ModelOutput:
-    found = ModelOutput(end.pipe, end.lines.append, lambda: end.now_s)
-    found.name = "tank"
-    return found
+    return ModelOutput(end.pipe, end.lines.append, lambda: end.now_s, name="tank")
 
 
 def lines(end: SimpleNamespace) -> list[str]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """How long a call takes, counted by a process beside it."""
 
+import mmap
 import os
 import signal
 import subprocess
@@ -8,10 +9,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
-from segway_ecc.node.watchdog.page import Call, Seen
+from segway_ecc.node.watchdog import process as watchdog_process
+from segway_ecc.node.watchdog.page import Call, CallPage, Seen
 from segway_ecc.node.watchdog.process import WatchedProcess
 
 PAUSE_NS = 5_000_000
@@ -83,6 +86,24 @@ def test_a_watchdog_that_is_late_counts_no_more_than_two_of_its_pauses() -> None
         look(process, STEP)
         time.sleep(20 * PAUSE_NS * 1e-9)
         assert process.held_ns(STEP, PAUSE_NS) <= 2 * PAUSE_NS
+
+
+def test_a_model_is_named_before_the_first_task_has_come(tmp_path: Path) -> None:
+    page = tmp_path / "page"
+    page.write_bytes(bytes(mmap.PAGESIZE))
+    pipe, printed = os.pipe()
+    os.write(printed, b"hello\n")
+    os.close(printed)
+    with page.open("r+b") as file:
+        CallPage(file.fileno()).enter(Call.LOAD, 0, 0)
+        words = [sys.executable, "-P", "-m", watchdog_process.__name__, str(file.fileno()), str(pipe), "tank:Tank"]
+        given = (file.fileno(), pipe)
+        ended = subprocess.run(words, pass_fds=given, input=b"", capture_output=True, check=True)
+    os.close(pipe)
+    assert ended.stderr.decode().splitlines() == [
+        "segway-ecc: model 'tank:Tank' printed: hello",
+        "segway-ecc: the process ended while model 'tank:Tank' was loaded",
+    ]
 
 
 @pytest.mark.parametrize(("program", "status"), [(BUSY, -signal.SIGABRT), (WAITS, -signal.SIGABRT)])
