@@ -9,7 +9,7 @@ torque it stays there, at anything else it falls, until it lies on a bumper.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 from segway_ecc.hil.plants.cart import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
@@ -40,7 +40,7 @@ _IMU_ERRORS: Final = (
     Variable("AccelerometerBias", "m/s2", _TYPICAL.accelerometer_bias),
     Variable("AccelerometerScale", "1", _TYPICAL.accelerometer_scale),
 )
-_PARAMETERS: Final = tuple(
+PARAMETERS: Final = tuple(
     dataclasses.replace(variable, write=Write.RESET)
     for variable in (
         *VARIABLES,
@@ -52,7 +52,7 @@ _PARAMETERS: Final = tuple(
         Variable("ImuLatency", "s", _TYPICAL.latency),
     )
 )
-_OUTPUTS: Final = (
+OUTPUTS: Final = (
     *WHEEL_OUTPUTS,
     *IMU_OUTPUTS,
     *POSE_OUTPUTS,
@@ -60,6 +60,18 @@ _OUTPUTS: Final = (
     Variable("truth.pitch_rate", "rad/s"),
     Variable("truth.supply_voltage", "V"),
 )
+DISTURBANCES: Final = (
+    Variable("PushForce", "N", 0.0, Write.NOW),
+    Variable("Slope", "rad", 0.0, Write.NOW),
+    Variable("Payload", "kg", 0.0, Write.NOW),
+)
+
+
+def imu_errors(values: Mapping[str, float]) -> ImuErrors:
+    """Those of a plant's parameters."""
+    share = values["SensorErrors"]
+    errors = ImuErrors(*(share * values[variable.name] for variable in _IMU_ERRORS))
+    return dataclasses.replace(errors, latency=values["ImuLatency"])
 
 
 class _Segway(SectionedModel):
@@ -74,13 +86,9 @@ class _Segway(SectionedModel):
 
     step_size = STEP_SIZE
     method = Method.DISCRETE
-    parameters = _PARAMETERS
-    outputs = _OUTPUTS
-    states = (
-        Variable("PushForce", "N", 0.0, Write.NOW),
-        Variable("Slope", "rad", 0.0, Write.NOW),
-        Variable("Payload", "kg", 0.0, Write.NOW),
-    )
+    parameters = PARAMETERS
+    outputs = OUTPUTS
+    states = DISTURBANCES
     motor: ClassVar[type[TorqueMotor | VoltageMotor]]
 
     def static(self) -> None:
@@ -100,9 +108,7 @@ class _Segway(SectionedModel):
         left, right = self.body.wheel_angles()
         self._left_encoder, self._right_encoder = Encoder(p, STEP_SIZE, left), Encoder(p, STEP_SIZE, right)
         self._imu_sample = motion = self.body.measured_motion(self._imu_height)
-        errors = ImuErrors(*(share * self.p[variable.name] for variable in _IMU_ERRORS))
-        errors = dataclasses.replace(errors, latency=self.p["ImuLatency"])
-        self._imu = Imu(errors, STEP_SIZE, int(self.p["Seed"]), motion) if share else None
+        self._imu = Imu(imu_errors(self.p), STEP_SIZE, int(self.p["Seed"]), motion) if share else None
 
     def input(self, u: Sequence[float]) -> None:
         """Take the commands of the drives, N m or V."""
