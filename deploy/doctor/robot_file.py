@@ -19,6 +19,7 @@ from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.settings import NOTHING_WATCHED
+from segway_ecc.node.watchdog.apart import EndedError, run_apart
 from segway_ecc.node.watchdog.watchdog import model_watchdog
 
 _OURS: Final = "segway_ecc."
@@ -50,16 +51,22 @@ _STAND: Final = "stand"
 """What has the model of a robot that balances stand up, by its usual name."""
 _AXIS: Final = re.compile(r"(?:^|[_.]|(?<=[a-z0-9]))([XYZ])$|(?:^|[_.])([xyz])$")
 """The axis that a name ends in: `GyroX`, `imu.angular_velocity_x`, and not `Velocity`."""
+_MODEL: Final = "robot file: model"
 _PARAMETERS: Final = "robot file: parameters"
 _WIRING: Final = "robot file: wiring"
 _CHECKS: Final = "robot file: safety"
 
 
 def check_robot_file(_machine: System, workload: Workload) -> Iterator[Finding]:
-    """The robot file that is named; nothing where none is."""
-    if workload.robot is None:
+    """The robot file that is named; nothing where none is. Its model is tried in a process of its own."""
+    file = workload.robot
+    if file is None:
         return
-    _, findings = examine_file(workload.robot)
+    try:
+        findings = run_apart(lambda: examine_file(file)[1])
+    except EndedError as error:
+        remedy = "correct the model; segway-ecc model inspect and model simulate show more"
+        findings = [bad(_MODEL, str(error), "a robot that runs ends as abruptly, and falls", remedy)]
     yield from findings or [good("robot file", "parameters, wiring and checks are as they should be")]
 
 
@@ -161,13 +168,13 @@ def _start(robot: Robot) -> Iterator[Finding]:
         model.step(u)
         model.terminate()
     except ModelFailedError as error:
-        yield bad("robot file: model", str(error), "the robot does not start", "correct model.parameters, or the model")
+        yield bad(_MODEL, str(error), "the robot does not start", "correct model.parameters, or the model")
     else:
         place = model.bad_output if bad_output is None else bad_output
         if place is not None:
             name = robot.model.outputs[place].name
             remedy = "correct model.parameters, or the model"
-            yield bad("robot file: model", f"'{name}' is not finite", "the robot ends in FAULT at once", remedy)
+            yield bad(_MODEL, f"'{name}' is not finite", "the robot ends in FAULT at once", remedy)
 
 
 def _wiring(robot: Robot) -> Iterator[Finding]:

@@ -5,6 +5,7 @@ Exit codes besides the general ones: 0 fit, warnings or not; 1 not fit.
 """
 
 import argparse
+import contextlib
 import dataclasses
 import sys
 import textwrap
@@ -16,9 +17,10 @@ from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict, Wor
 from segway_ecc.deploy.doctor.doctor import examine
 from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.node.cli.options import add_json, default_log, model_failures, print_found, robot_file
-from segway_ecc.node.config import packaged_robots
+from segway_ecc.node.config import ModelSection, packaged_robots
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.log_quota import LogQuota
+from segway_ecc.node.watchdog.apart import EndedError, run_apart
 from segway_ecc.node.watchdog.watchdog import model_watchdog
 
 NOT_FIT: Final = 1
@@ -49,16 +51,21 @@ def run(options: argparse.Namespace) -> int:
     usual = _INSTALLED_LOGS if _INSTALLED_LOGS.is_dir() else default_log("").parent
     workload = Workload((options.logs or usual).absolute(), LogQuota().total_bytes, file)
     if file is not None:
-        model = file.model
-        with model_failures(model.source), model_watchdog(model.source):
-            loaded = load_model(model.source, model.parameters, method=model.method, step_size=model.step_size)
-        workload = dataclasses.replace(workload, period_ns=round(loaded.step_size * NS_PER_S))
+        with contextlib.suppress(EndedError):  # which the check of the robot file finds
+            period_ns = run_apart(lambda: _period_ns(file.model))
+            workload = dataclasses.replace(workload, period_ns=period_ns)
     findings = examine(System(Probes(_show_progress)), workload)
     _show_progress(1.0)
     name = None if file is None else file.name
     document = {"robot": name, "fit": is_fit(findings), "findings": [dataclasses.asdict(f) for f in findings]}
     print_found(options, document, report(name, findings))
     return 0 if is_fit(findings) else NOT_FIT
+
+
+def _period_ns(model: ModelSection) -> int:
+    with model_failures(model.source), model_watchdog(model.source):
+        loaded = load_model(model.source, model.parameters, method=model.method, step_size=model.step_size)
+    return round(loaded.step_size * NS_PER_S)
 
 
 def report(robot: str | None, findings: Sequence[Finding]) -> str:

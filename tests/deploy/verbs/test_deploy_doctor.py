@@ -115,3 +115,40 @@ def test_the_report() -> None:
         "not fit to run 'ours': 1 bad, 1 warning, 1 good",
     ]
     assert text_of(None, findings[:2]).splitlines()[-1] == "fit to run a robot: 0 bad, 1 warning, 1 good"
+
+
+BROKEN = """
+import ctypes
+from segway_ecc import Method, SectionedModel, Variable
+
+class Broken(SectionedModel):
+    name, step_size, method, outputs = "Broken", 0.01, Method.DISCRETE, (Variable("level"),)
+
+    def output(self):
+        {}
+        return (0.0,)
+{}
+"""
+ENDS = {
+    "a crash in a step": ("ctypes.string_at(0)", "", "in its initial equations of cycle 0", "segmentation fault"),
+    "a crash while loaded": ("", "ctypes.string_at(0)", "while it was loaded", "segmentation fault"),
+    "an end by system call": ("ctypes.CDLL(None)._exit(0)", "", "in its initial equations", "ended without a reason"),
+}
+
+
+@pytest.mark.parametrize(("in_step", "at_import", "where", "cause"), ENDS.values(), ids=ENDS)
+def test_a_model_that_ends_its_process_is_one_finding_beside_all_others(
+    tmp_path: Path, in_step: str, at_import: str, where: str, cause: str
+) -> None:
+    (tmp_path / "broken.py").write_text(BROKEN.format(in_step, at_import), encoding="utf-8")
+    robot = tmp_path / "ours.yaml"
+    robot.write_text("name: ours\nmodel: {source: 'broken:Broken'}\nwiring: {level: odometry.x}\n", encoding="utf-8")
+    words = ["deploy", "doctor", str(robot), "--json", "--logs", str(tmp_path)]
+    command = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words]
+    ended = subprocess.run(command, capture_output=True, check=False, text=True)
+    assert ended.returncode == 1
+    findings = json.loads(ended.stdout)["findings"]
+    assert len(findings) >= 15
+    (found,) = [finding["found"] for finding in findings if finding["name"] == "robot file: model"]
+    assert where in found
+    assert cause in found
