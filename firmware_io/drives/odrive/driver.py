@@ -160,15 +160,15 @@ class Odrive(PhasedDrive):
 
     def faults(self) -> tuple[str, ...]:
         """Errors, a motor switched off by itself or not switched on, silence."""
-        axis = self._axis
-        who, why = f"the {self.name} ODrive axis", f"{axis.state_name}, errors: {', '.join(axis.errors) or 'none'}"
-        if self._enabling.is_overdue(self._now_ns()):
+        axis, who, now_ns = self._axis, f"the {self.name} ODrive axis", self._now_ns()
+        if self._enabling.is_overdue(now_ns):
+            why = self._why_off()
             return (f"{who} does not go to closed loop: {why}; see dump_errors in odrivetool, and {_CALIBRATE}",)
         if not self.is_enabled:
             return ()
-        found = [] if axis.is_closed_loop else [f"{who} switched its motor off: {why}"]
+        found = [] if axis.is_closed_loop else [f"{who} switched its motor off: {self._why_off()}"]
         for kind in ("heartbeat", "estimates"):
-            age_s, valid = axis.fresh.age(kind)
+            age_s, valid = axis.fresh.age(kind, now_ns=now_ns)
             if not valid:
                 found.append(f"{who}'s {kind} too old: {age_s * 1e3:.0f} ms")
         return tuple(found)
@@ -177,6 +177,10 @@ class Odrive(PhasedDrive):
     def health(self) -> Mapping[str, str]:
         """What the axis reports, and the errors that the last clearing found."""
         return {**self._axis.health, "cleared": ", ".join(self._cleared) or "none"}
+
+    def _why_off(self) -> str:
+        """What the axis reports where its motor is off."""
+        return f"{self._axis.state_name}, errors: {', '.join(self._axis.errors) or 'none'}"
 
     def _watchdog_failures(self, who: str) -> list[str]:
         """What the proof of the watchdog lacks."""

@@ -212,20 +212,26 @@ def decode(firmware: Firmware, identifier: int, data: bytes) -> Message:
     Raises:
         FrameRefusedError: A command that firmware does not have, a wrong length, or a number that is not finite.
     """
-    what = f"frame 0x{identifier:03X}"
     layout = LAYOUTS[firmware].get(identifier % COMMANDS)
     if layout is None:
-        raise FrameRefusedError(Refusal.UNKNOWN, what)
+        raise FrameRefusedError(Refusal.UNKNOWN, _name(identifier))
     if len(data) not in layout.lengths:
-        raise FrameRefusedError(Refusal.LENGTH, what)
+        raise FrameRefusedError(Refusal.LENGTH, _name(identifier))
     message = layout.unpack(data)
     if not _is_finite(message):
-        raise FrameRefusedError(Refusal.RANGE, what)
+        raise FrameRefusedError(Refusal.RANGE, _name(identifier))
     return message
 
 
+def _name(identifier: int) -> str:
+    return f"frame 0x{identifier:03X}"
+
+
 def _is_finite(message: tuple[object, ...]) -> bool:
-    return all(math.isfinite(value) for value in message if isinstance(value, float))
+    for value in message:  # noqa: SIM110 - a generator in all() takes three times as long
+        if isinstance(value, float) and not math.isfinite(value):
+            return False
+    return True
 
 
 def error_names(firmware: Firmware, errors: int) -> tuple[str, ...]:

@@ -212,6 +212,7 @@ class AxisListener:
             "supply": SUPPLY_STALE_NS,
         }
         self.fresh = Freshness(stale_ns, now_ns, settings.ride_through_s)
+        self._now_ns = now_ns
         self._beat_ns: int | None = None
         self._estimates = m.EncoderEstimates(0.0, 0.0)
         self._torque = 0.0
@@ -241,13 +242,14 @@ class AxisListener:
         """
         wheel = self._wheel.wheel
         angle, velocity = motor_motion(self._estimates)
-        age, valid = self.fresh.age("estimates")
-        torque_age, torque_valid = self.fresh.age("torque")
+        now_ns = self._now_ns()
+        age, valid = self.fresh.age("estimates", now_ns=now_ns)
+        torque_age, torque_valid = self.fresh.age("torque", now_ns=now_ns)
         values = (wheel(angle), wheel(velocity), self._wheel.wheel_torque(self._torque))
         readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
-        return with_one_more(readings, self._supply, self.fresh.age("supply"))
+        return with_one_more(readings, self._supply, self.fresh.age("supply", now_ns=now_ns))
 
     @property
     def is_closed_loop(self) -> bool:

@@ -75,14 +75,16 @@ class XsensMti:
         ride_through_s: float = 0.0,
     ) -> None:
         """Listen to the sensor on `link`."""
-        self._messages = {settings.key(message): message for message in LAYOUTS}
-        self.listens_to: Collection[FrameKey] = frozenset(self._messages)
+        keys = {message: settings.key(message) for message in LAYOUTS}
+        self._messages: dict[tuple[int, bool], Message] = {key: message for message, key in keys.items()}
+        self.listens_to: Collection[FrameKey] = frozenset(keys.values())
         self._link = link
         self._mounting = settings.rotation
         self._tick_s = settings.sample_time_tick_s
         self._fresh = Freshness(
             dict.fromkeys(_NEEDED, stale_after_ns(settings.period_s, loop_period_s)), now_ns, ride_through_s
         )
+        self._now_ns = now_ns
         self._counter = GroupCounter(round(settings.period_s * 1e9))
         self._refused: Counter[Refusal] = Counter()
         self._vectors: dict[Message, Vector] = dict.fromkeys(
@@ -98,7 +100,7 @@ class XsensMti:
 
     def take_frame(self, frame: Frame) -> bool:
         """Take one of the sensor's messages; see `Sensor.take_frame`."""
-        message = self._messages.get(FrameKey(frame.arbitration_id, frame.is_extended))
+        message = self._messages.get((frame.arbitration_id, frame.is_extended))
         if message is None:
             return False
         try:
@@ -116,9 +118,14 @@ class XsensMti:
     def read(self) -> Readings:
         """Angular velocity and specific force in the robot's axes."""
         rate, force = self._vectors[Message.RATE_OF_TURN], self._vectors[Message.ACCELERATION]
-        rate_age, rate_valid = self._age(Message.RATE_OF_TURN)
-        force_age, force_valid = self._age(Message.ACCELERATION)
-        return Readings((*rate, *force), (rate_age,) * 3 + (force_age,) * 3, (rate_valid,) * 3 + (force_valid,) * 3)
+        age, now_ns = self._fresh.age, self._now_ns()
+        counter_age, counter_valid = age(Message.GROUP_COUNTER, now_ns=now_ns)
+        rate_age, rate_valid = age(Message.RATE_OF_TURN, now_ns=now_ns)
+        force_age, force_valid = age(Message.ACCELERATION, now_ns=now_ns)
+        ages = (max(rate_age, counter_age),) * 3 + (max(force_age, counter_age),) * 3
+        return Readings(
+            (*rate, *force), ages, (rate_valid and counter_valid,) * 3 + (force_valid and counter_valid,) * 3
+        )
 
     def arming_failures(self) -> list[str]:
         """Silence, a group counter that does not advance, or an error that the sensor reported."""
@@ -159,12 +166,6 @@ class XsensMti:
         if Message.TEMPERATURE in self._newest:
             health["temperature_c"] = f"{self._newest[Message.TEMPERATURE]:.1f}"
         return health
-
-    def _age(self, message: Message) -> tuple[float, bool]:
-        """Age of the measurement in a message, s, and whether it may be used."""
-        age, fresh = self._fresh.age(message)
-        counter_age, counter_fresh = self._fresh.age(Message.GROUP_COUNTER)
-        return max(age, counter_age), fresh and counter_fresh
 
     def _take_status(self, message: Message, value: float, received_ns: int) -> None:
         match message:

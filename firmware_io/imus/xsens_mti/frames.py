@@ -140,5 +140,7 @@ def elapsed_s(newest: float, before: float, tick_s: float) -> float:
 
 
 def _check(message: Message, raw: Sequence[int]) -> None:
-    if not all(value in LAYOUTS[message].allowed for value in raw):
-        raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
+    allowed = LAYOUTS[message].allowed
+    for value in raw:
+        if value not in allowed:
+            raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
