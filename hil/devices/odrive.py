@@ -3,6 +3,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 from segway_ecc.firmware_io.drives.odrive import messages as m
@@ -17,6 +18,8 @@ from segway_ecc.hil.devices.device import supply_voltage
 TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
 _NAMES: Final = ("left", "right")
+_WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+_wheels = itemgetter(*_WHEELS)
 _FULL: Final = 8
 _VERSION: Final = m.Version(2, 4, 4, 58, 0, 6, 10, 0)
 _SETPOINTS: Final = (m.SetInputPosition, m.SetInputVelocity, m.SetInputTorque)
@@ -59,7 +62,7 @@ class SimulatedOdrive:
     """Two wheels on ODrives; see `Device`. For each axis, left first, `cycles` is what it sends unasked, how often."""
 
     inputs: Sequence[str] = ("left.torque", "right.torque")
-    needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+    needs: Sequence[str] = _WHEELS
 
     def __init__(
         self, link: Link, settings: OdriveSettings, port: Port | None = None, firmware: Firmware | None = None
@@ -111,9 +114,10 @@ class SimulatedOdrive:
                 self._receive(axis, frame, now_ns)
         if self._ascii is not None:
             self._ascii.serve(now_ns)
+        left, right = self.axes
         for axis in self.axes:
             # An error on one axis of 0.5 keeps the other from closed loop; each 0.6 is a board of its own.
-            has_errors = self.firmware is Firmware.V0_5 and any(each.error for each in self.axes)
+            has_errors = self.firmware is Firmware.V0_5 and bool(left.error or right.error)
             axis.tick(now_ns, board_has_errors=has_errors)
         return [axis.settings.wheel_torque(axis.torque_nm) for axis in self.axes]
 
@@ -121,11 +125,16 @@ class SimulatedOdrive:
         """Send what is due."""
         if not self.is_on:
             return
-        self._move(outputs)
-        for axis, cycles in zip(self.axes, self.cycles, strict=True):
-            for cycle in cycles:
-                if cycle.is_due(now_ns):
-                    self._send(axis, cycle.message)
+        due = [
+            (axis, cycle.message)
+            for axis, cycles in zip(self.axes, self.cycles, strict=True)
+            for cycle in cycles
+            if cycle.is_due(now_ns)
+        ]
+        if due:  # in one tick of several
+            self._move(outputs)
+        for axis, message in due:
+            self._send(axis, message)
 
     def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
         torque = m.Currents if self.firmware is Firmware.V0_5 else m.Torques
@@ -139,9 +148,11 @@ class SimulatedOdrive:
         return [_Cycle(message, round(period_s * 1e9)) for message, period_s in periods]
 
     def _move(self, outputs: Mapping[str, float]) -> None:
-        for name, axis in zip(_NAMES, self.axes, strict=True):
-            axis.move(outputs[f"{name}.angle"], outputs[f"{name}.velocity"])
-            axis.supply_voltage = supply_voltage(outputs)
+        left, right = self.axes
+        left_angle, left_velocity, right_angle, right_velocity = _wheels(outputs)
+        left.move(left_angle, left_velocity)
+        right.move(right_angle, right_velocity)
+        left.supply_voltage = right.supply_voltage = supply_voltage(outputs)
 
     def _clear_board(self) -> None:
         for axis in self.axes:

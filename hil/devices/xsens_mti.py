@@ -15,6 +15,7 @@ from segway_ecc.firmware_io.imus.xsens_mti.frames import (
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 
+_SENT: Final = (Message.GROUP_COUNTER, Message.SAMPLE_TIME, Message.RATE_OF_TURN, Message.ACCELERATION)
 _ANGULAR_VELOCITY: Final = ("imu.angular_velocity_x", "imu.angular_velocity_y", "imu.angular_velocity_z")
 _LINEAR_ACCELERATION: Final = ("imu.linear_acceleration_x", "imu.linear_acceleration_y", "imu.linear_acceleration_z")
 
@@ -34,7 +35,9 @@ class SimulatedXsensMti:
         self.powered = True
         self.frozen = False
         self._link = link
-        self._settings = settings
+        self._keys = {message: settings.key(message) for message in _SENT}
+        self._mounting = settings.rotation
+        self._tick_s = settings.sample_time_tick_s
         self._period_ns = round(settings.period_s * 1e9)
         self._on_since_ns: int | None = None
         self._sets = 0
@@ -60,7 +63,7 @@ class SimulatedXsensMti:
         if now_ns - self._on_since_ns < self._sets * self._period_ns:
             return
         if not self.frozen or not self._newest:
-            ticks = round((now_ns - self._on_since_ns) * 1e-9 / self._settings.sample_time_tick_s)
+            ticks = round((now_ns - self._on_since_ns) * 1e-9 / self._tick_s)
             rates, accelerations = (
                 [outputs[name] for name in names] for names in (_ANGULAR_VELOCITY, _LINEAR_ACCELERATION)
             )
@@ -75,9 +78,9 @@ class SimulatedXsensMti:
             self._link.send(frame)
 
     def _vector(self, message: Message, vector: Sequence[float], largest: float) -> Frame:
-        turned = self._settings.rotation.to_sensor(vector)
+        turned = self._mounting.to_sensor(vector)
         return self._frame(message, [min(max(value, -largest), largest) for value in turned])
 
     def _frame(self, message: Message, values: Sequence[float]) -> Frame:
-        arbitration_id, is_extended = self._settings.key(message)
+        arbitration_id, is_extended = self._keys[message]
         return Frame(arbitration_id, encode(message, values), is_extended=is_extended)

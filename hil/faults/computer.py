@@ -18,19 +18,16 @@ class ProcessKilledError(RigError):
 
 
 class DisturbedClock:
-    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong."""
+    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong: `now_ns` is the rig's own."""
 
     def __init__(self, rig: LockstepRig, injections: Injections) -> None:
         """Stand in front of a rig."""
         self.on_kill: Callable[[], None] | None = None
+        self.now_ns = rig.now_ns
         self._rig = rig
         self._clock = injections.of("clock")
         self._process = injections.of("process")
         self._stalls = [i for i in self._process if i.fault.type == "stuck"]
-
-    def now_ns(self) -> int:
-        """Simulated monotonic time."""
-        return self._rig.now_ns()
 
     def wall_ns(self) -> int:
         """Simulated wall-clock time, and what is wrong with it."""

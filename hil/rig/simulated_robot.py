@@ -35,7 +35,7 @@ class SimulatedRobot:
         self._devices = tuple(devices)
         self._plant, self._advance = plant, advance_of(plant)
         self.output_names = [v.name for v in plant.outputs]
-        self._places = _places(devices, plant)
+        self._driving = tuple(zip(devices, _places(devices, plant), strict=True))
         self._steps, self._ticks_per_step = _rates(plant, tick_ns)
         self._ticks = 0
         self.stuck: dict[str, float] = {}
@@ -66,7 +66,7 @@ class SimulatedRobot:
         except LinkLostError:  # a bus that is gone carries nothing; what happens then is what is simulated
             frames = ()
         outputs = self._measured()
-        for device, places in zip(self._devices, self._places, strict=True):
+        for device, places in self._driving:
             for place, value in zip(places, device.obey(frames, now_ns, outputs), strict=True):
                 self.inputs[place] = value
         self._ticks += 1
