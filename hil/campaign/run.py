@@ -45,7 +45,7 @@ from segway_ecc.hil.progress import OnProgress
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
-from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Report, Request, StampedSetpoint, VariableWrite
+from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Request, StampedSetpoint, VariableWrite
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.model.model import Model
@@ -230,14 +230,11 @@ class Commander(NoStage):
         self._is_lost = injections.of("ros")
         self.refusals: dict[str, None] = {}
 
-    def publish(self, _report: Report) -> None:
-        """Check whether the manoeuvre is over."""
-        if self._timeline.elapsed_ns >= self._duration_ns:
-            self.over = "the manoeuvre is over"
-
     def take_inbox(self) -> Inbox:
-        """The set-points that arrive now."""
+        """The set-points that arrive now; and check whether the manoeuvre is over."""
         inbox, elapsed_ns = Inbox(values=self._amiss.take()), self._timeline.elapsed_ns
+        if elapsed_ns >= self._duration_ns:
+            self.over = "the manoeuvre is over"
         faults = active(self._injections)
         while self._pending and self._pending[0].offset_ns <= elapsed_ns:
             sent = self._pending.pop(0)
