@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import functools
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -44,6 +45,11 @@ _DRAWINGS: dict[str, Callable[[], str]] = {
 _every_figure = pytest.mark.parametrize("name", _DRAWINGS)
 
 
+@functools.cache
+def _drawn(name: str) -> str:
+    return _DRAWINGS[name]()
+
+
 def _parse(svg: str) -> ET.Element:
     return ET.fromstring(svg)  # noqa: S314 - our own output
 
@@ -58,7 +64,7 @@ def _ids(svg: str) -> list[str]:
 
 @_every_figure
 def test_is_a_labelled_image_without_metadata(name: str) -> None:
-    root = _parse(_DRAWINGS[name]())
+    root = _parse(_drawn(name))
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert root.attrib["role"] == "img"
     assert root.attrib["aria-label"]
@@ -67,7 +73,7 @@ def test_is_a_labelled_image_without_metadata(name: str) -> None:
 
 @_every_figure
 def test_refers_only_to_its_own_parts(name: str) -> None:
-    svg = _DRAWINGS[name]()
+    svg = _drawn(name)
     references = set(re.findall(r'(?:href="|url\()#([^")]+)', svg))
     assert references <= set(_ids(svg))
     assert svg.count('href="') == svg.count('href="#')
@@ -75,11 +81,11 @@ def test_refers_only_to_its_own_parts(name: str) -> None:
 
 @_every_figure
 def test_is_the_same_every_time(name: str) -> None:
-    assert _DRAWINGS[name]() == _DRAWINGS[name]()
+    assert _DRAWINGS[name]() == _drawn(name)
 
 
 def test_no_two_figures_share_an_id() -> None:
-    ids = [identifier for draw in _DRAWINGS.values() for identifier in _ids(draw())]
+    ids = [identifier for name in _DRAWINGS for identifier in _ids(_drawn(name))]
     assert len(ids) == len(set(ids))
     assert any(re.search(r"-p[0-9a-f]{10}$", identifier) for identifier in ids), "clip paths are among them"
 
@@ -92,21 +98,21 @@ def test_settings_are_left_as_they_were() -> None:
 
 @pytest.mark.parametrize("name", ["velocities", "path", "turn", "errors"])
 def test_every_seat_is_in_the_legend(name: str) -> None:
-    assert {"offline", "ros", "can"} <= set(_texts(_DRAWINGS[name]()))
+    assert {"offline", "ros", "can"} <= set(_texts(_drawn(name)))
 
 
 def test_axes_carry_their_units() -> None:
-    assert {"linear velocity, m/s", "angular velocity, rad/s", "time, s"} <= set(_texts(velocities_svg(_RUNS)))
-    assert {"x, m", "y, m", "start", "end"} <= set(_texts(path_svg(_RUNS)))
+    assert {"linear velocity, m/s", "angular velocity, rad/s", "time, s"} <= set(_texts(_drawn("velocities")))
+    assert {"x, m", "y, m", "start", "end"} <= set(_texts(_drawn("path")))
 
 
 def test_identical_seats_are_drawn_with_different_widths() -> None:
-    widths = set(re.findall(r"stroke-width: ([\d.]+)", path_svg(_RUNS)))
+    widths = set(re.findall(r"stroke-width: ([\d.]+)", _drawn("path")))
     assert {"6", "2.6", "1.3"} <= widths
 
 
 def test_turn_marks_the_change_of_set_point() -> None:
-    texts = " ".join(_texts(turn_svg(_RUNS)))
+    texts = " ".join(_texts(_drawn("turn")))
     assert "set-point becomes" in texts
     assert "10 s" in texts
 
