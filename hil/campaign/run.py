@@ -240,8 +240,10 @@ class Commander(NoStage):
             sent = self._pending.pop(0)
             delay_s = sum(i.size for i in faults if i.fault.type == "delayed")
             self._on_the_way.append((elapsed_ns + round(delay_s * 1e9), sent.setpoint))
-        arrived = [setpoint for due_ns, setpoint in self._on_the_way if due_ns <= elapsed_ns]
-        self._on_the_way = [entry for entry in self._on_the_way if entry[0] > elapsed_ns]
+        arrived: list[Setpoint] = []
+        if self._on_the_way:
+            arrived = [setpoint for due_ns, setpoint in self._on_the_way if due_ns <= elapsed_ns]
+            self._on_the_way = [entry for entry in self._on_the_way if entry[0] > elapsed_ns]
         if active(self._is_lost):
             return inbox
         inbox.setpoints += [StampedSetpoint(setpoint, None) for setpoint in self._disturbed(arrived, faults)]

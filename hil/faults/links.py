@@ -125,7 +125,7 @@ class DisturbedDevicesLink(LinkFront):
 
     def send(self, frame: Frame) -> bool:
         """Send, unless the sender is silent."""
-        if self._is_without_supply:
+        if self._battery and self._is_without_supply:
             return True
         if self._imu and (frame.arbitration_id, frame.is_extended) in self._imu_frames:
             is_lost = any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
@@ -138,11 +138,11 @@ class DisturbedDevicesLink(LinkFront):
     def receive(self) -> list[Frame]:
         """Receive, unless nobody has supply."""
         frames = self.behind.receive()
-        return [] if self._is_without_supply else frames
+        return [] if self._battery and self._is_without_supply else frames
 
     @property
     def _is_without_supply(self) -> bool:
-        return bool(self._battery) and any(injection.is_active for injection in self._battery)
+        return any(injection.is_active for injection in self._battery)
 
 
 class DisturbedLine:

@@ -39,6 +39,7 @@ class DisturbedPlant:
         self._sensors = [_Disturbance(i, plant.outputs, plant.step_size) for i in injections.of("imu", "encoder")]
         motors = injections.of("left_motor", "right_motor", "battery")
         self._motors = [_Disturbance(i, plant.inputs, plant.step_size) for i in motors]
+        self._disturbances = (*self._motors, *self._sensors)
 
     @property
     def stopped(self) -> bool:
@@ -55,7 +56,9 @@ class DisturbedPlant:
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps, at once where none of them is disturbed otherwise than the others; see `Advancing`."""
-        if not any(disturbance.acts_each_step for disturbance in (*self._motors, *self._sensors)):
+        if not self._disturbances:
+            return list(self._advance(u, steps))
+        if not any(disturbance.acts_each_step for disturbance in self._disturbances):
             return self._disturbed(u, steps)
         for _ in range(steps - 1):
             self._disturbed(u, 1)

@@ -131,7 +131,7 @@ def decode(message: Message, data: bytes) -> tuple[float, ...]:
     raw = layout.fields.unpack(data)
     _check(message, raw)
     # A count times one would be a float where this is compiled.
-    return raw if layout.unit == 1 else tuple(value * layout.unit for value in raw)
+    return raw if layout.unit == 1 else tuple([value * layout.unit for value in raw])
 
 
 def elapsed_s(newest: float, before: float, tick_s: float) -> float:
