@@ -46,7 +46,7 @@ _OF_DRIVES: Final = (
     "oscillation",
 )
 _OF_AN_IMU: Final = ("tilt_limit_rad", "tilt_rate_limit", "yaw_consistency", "checklist")
-_OF_WHAT_STANDS: Final = ("runaway", "posture")
+_OF_WHAT_STANDS: Final = ("runaway", "gravity", "posture")
 _STAND: Final = "stand"
 """What has the model of a robot that balances stand up, by its usual name."""
 _AXIS: Final = re.compile(r"(?:^|[_.]|(?<=[a-z0-9]))([XYZ])$|(?:^|[_.])([xyz])$")
@@ -143,9 +143,14 @@ def _lengths(robot: Robot) -> Iterator[Finding]:
     """The wheels and the track of the checks against those of the model."""
     safety, model = robot.file.safety or NOTHING_WATCHED, {v.name: v.value for v in robot.model.parameters}
     model |= robot.file.model.parameters
-    for key in ("yaw_consistency", "following_error", "runaway"):
+    lengths = (
+        ("track", model.get("Track")),
+        ("wheel_radius", model.get("WheelRadius")),
+        ("imu_height", model.get("ImuHeight")),
+    )
+    for key in ("yaw_consistency", "following_error", "runaway", "gravity"):
         section = getattr(safety, key)
-        for name, of_model in (("track", model.get("Track")), ("wheel_radius", model.get("WheelRadius"))):
+        for name, of_model in lengths:
             value = getattr(section, name, None)
             if value is not None and of_model is not None and abs(value - of_model) > _SAME * abs(of_model):
                 yield warning(

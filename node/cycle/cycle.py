@@ -170,6 +170,7 @@ class Cycle:
             self._posture = PostureControl(watched.posture, names, self._monitor, self.arming, period_s)
         self._recorded_posture: Posture | None = None
         self._sits_down_first = False
+        self._was_live = self._was_misled = False
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations under what it measures first.
@@ -366,7 +367,11 @@ class Cycle:
                 posture.act(request, set_values)
             self._end_trajectory(cycle)  # also where the next request arms again
         is_absurd = self._outputs.fault is not None or self._model.bad_output is not None
-        if is_absurd and arming.modes.mode is Mode.DISARMED:
+        # What the model made of an IMU that woke up with noise. Once the robot was armed, its odometry is worth more.
+        was_misled, self._was_misled = self._was_misled, not self._monitor.imu_is_credible
+        self._was_live = self._was_live or arming.is_live
+        is_misled = was_misled and not self._was_misled and not self._was_live
+        if (is_absurd or is_misled) and arming.modes.mode is Mode.DISARMED:
             # The fault was cleared; what no robot can do may stay so until the model starts anew.
             self._initialize(sensors)
         arming.arm_itself()

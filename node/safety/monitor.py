@@ -7,6 +7,7 @@ from typing import Final
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.check import Check, View, periods_in
 from segway_ecc.node.safety.deadlines import DeadlineWatch, RateMeter
+from segway_ecc.node.safety.gravity import GravityCheck
 from segway_ecc.node.safety.plausibility import (
     MOVING,
     FollowingError,
@@ -51,6 +52,7 @@ class SafetyMonitor:
         self._period_ns = period_ns
         self._period_s = period_ns / 1e9
         self._tilt = self._make_tilt()
+        self._gravity = self._make_gravity()
         self._checks: tuple[Check, ...] = tuple(self._make_checks())
         self.needs: tuple[int, ...] = tuple(
             sorted({*used, *(index for check in self._checks for index in check.needs)})
@@ -111,6 +113,11 @@ class SafetyMonitor:
         self.faults = faults
         return faults
 
+    @property
+    def imu_is_credible(self) -> bool:
+        """Whether the newest sample of the IMU goes with gravity and those before, as far as that is watched."""
+        return self._gravity is None or self._gravity.is_credible
+
     def checklist(
         self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
     ) -> Sequence[PreArmCheck]:
@@ -154,10 +161,16 @@ class SafetyMonitor:
             key = "checklist"
         return TiltWatch(self._places(key, _IMU), self._period_s, settings.tilt_limit_rad, settings.tilt_rate_limit)
 
+    def _make_gravity(self) -> GravityCheck | None:
+        settings = self._settings.gravity
+        if settings is None:
+            return None
+        left, right, gyro, x, z = self._places("gravity", (*_VELOCITIES, _IMU[1], _IMU[3], _IMU[5]))
+        return GravityCheck((left, right), (gyro, x, z), settings, self._period_s)
+
     def _make_checks(self) -> Iterator[Check]:
         settings, period_s = self._settings, self._period_s
-        if self._tilt is not None:
-            yield self._tilt
+        yield from (check for check in (self._tilt, self._gravity) if check is not None)
         limit, supply = settings.wheel_velocity_limit, settings.supply
         yaw, velocity, following = settings.yaw_consistency, settings.velocity_consistency, settings.following_error
         if limit is not None:

@@ -88,6 +88,24 @@ class RunawaySettings(Section, frozen=True, kw_only=True):
     settle_s: Span = 1.5
 
 
+class GravitySettings(Section, frozen=True, kw_only=True):
+    """How well the IMU's accelerometer must agree with gravity, its gyro and the wheels, in the plane of pitch.
+
+    Attributes:
+        wheel_radius: m.
+        imu_height: Of the IMU above the axle, m, -3 to 3.
+        velocity_m_s: Largest difference of the IMU's velocities, m/s: more than the wheels slip, or drop off a kerb.
+        gyro_rad_s: Largest offset of the gyro about y, rad/s.
+        settle_s: How slowly the gyro's offset is learnt, s, 0.1 to 10: it is known after some four times as long.
+    """
+
+    wheel_radius: Positive
+    imu_height: Annotated[float, msgspec.Meta(ge=-3.0, le=3.0)]
+    velocity_m_s: Positive
+    gyro_rad_s: Positive
+    settle_s: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] = 0.4
+
+
 class PostureSettings(Section, frozen=True, kw_only=True):
     """How a robot that balances stands up and sits down, by its tilt from upright.
 
@@ -197,6 +215,7 @@ class SafetySettings(Section, frozen=True, kw_only=True):
     velocity_consistency: VelocityConsistency | None = None
     following_error: FollowingErrorSettings | None = None
     runaway: RunawaySettings | None = None
+    gravity: GravitySettings | None = None
     posture: PostureSettings | None = None
     supply: SupplyWindow | None = None
     late_cycles_limit: LateCyclesLimit | None = None

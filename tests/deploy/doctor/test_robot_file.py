@@ -189,13 +189,16 @@ def test_a_robot_without_checks_is_warned_of_with_what_it_lacks() -> None:
     lacking = found_in(with_safety("segway", SafetySettings()))["robot file: safety"]
     assert lacking.verdict is Verdict.WARNING
     assert lacking.found.startswith("there is no wheel_velocity_limit, velocity_consistency, ")
-    assert lacking.found.endswith(", tilt_limit_rad, tilt_rate_limit, yaw_consistency, checklist, runaway, posture")
+    assert lacking.found.endswith(
+        ", tilt_limit_rad, tilt_rate_limit, yaw_consistency, checklist, runaway, gravity, posture"
+    )
     assert "tilt" not in found_in(with_safety("cart-can", SafetySettings()))["robot file: safety"].found
     assert verdicts(with_safety("cart", None)) == {}, "it drives nothing"
 
 
 @pytest.mark.parametrize(
-    "name", ["late_cycles_limit", "max_command", "command_slew", "supply", "oscillation", "runaway", "posture"]
+    "name",
+    ["late_cycles_limit", "max_command", "command_slew", "supply", "oscillation", "runaway", "gravity", "posture"],
 )
 def test_one_check_that_is_lacking_is_named(name: str) -> None:
     safety = load_robot("segway-odrive").safety
@@ -204,7 +207,7 @@ def test_one_check_that_is_lacking_is_named(name: str) -> None:
     assert found_in(file)["robot file: safety"].found == f"there is no {name}"
 
 
-@pytest.mark.parametrize("key", ["yaw_consistency", "following_error", "runaway"])
+@pytest.mark.parametrize("key", ["yaw_consistency", "following_error", "runaway", "gravity"])
 def test_checks_for_another_robot_s_lengths_are_warned_of(key: str) -> None:
     safety = load_robot("segway").safety
     other = msgspec.structs.replace(getattr(safety, key), wheel_radius=0.5)

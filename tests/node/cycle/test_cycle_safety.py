@@ -22,6 +22,7 @@ from segway_ecc.node.safety.modes import Action, Mode, Transition
 from segway_ecc.node.safety.settings import (
     ChecklistSettings,
     FollowingErrorSettings,
+    GravitySettings,
     LateCyclesLimit,
     OscillationLimit,
     SafetySettings,
@@ -213,6 +214,44 @@ def test_a_model_whose_outputs_are_absurd_is_started_anew_and_does_not_arm_until
     assert armed.accepted
     assert commands(bench) == [0.0] * 8 + [5.0] * 2
     assert "arm" not in bench.hardware.journal[:4]
+
+
+class Counted(Balancer):
+    """It counts its starts, by the cycle before each."""
+
+    def initial(self) -> None:
+        self.script.starts.append(self.cycle)
+
+
+NOISE = (0.0, 3.0, 9.0, -5.0, 4.0, 20.0, -3.0, 0.0)
+
+
+def test_a_model_is_started_anew_after_noise_of_an_imu_that_wakes_up_and_never_once_it_was_armed(
+    script: SimpleNamespace,
+) -> None:
+    script.starts = []
+    hardware = RecordingHardware({**SIGNALS, "right.velocity": "rad/s"}, {"left.torque": "N.m"}, (30.0,))
+    gravity = GravitySettings(wheel_radius=0.1, imu_height=0.5, velocity_m_s=0.5, gyro_rad_s=0.1)
+    bench = Bench(
+        Counted(script),
+        hardware,
+        {"Speed": "left.velocity", "Torque": "left.torque"},
+        safety=quiet(gravity=gravity, checklist=ChecklistSettings(still_s=0.05)),
+        arm_at_start=False,
+    )
+    still = Sensors((*STILL, 0.0), (0.001,) * 8, (True,) * 8)
+    noise = Sensors(NOISE, (0.001,) * 8, (True,) * 8)
+    hardware.measured = noise
+    for cycle, measured in ((3, still), (6, noise), (7, still), (140, noise), (142, still)):
+        measure(bench, cycle, measured)
+    bench.stage.send_request(6, Action.ARM)
+    bench.stage.send_request(130, Action.ARM)
+    bench.stage.send_request(135, Action.DISARM)
+    bench.loop.run(cycles=150)
+    refused, *accepted = bench.stage.answers
+    assert "the IMU does not measure how the robot moves" in refused.message
+    assert all(answer.accepted for answer in accepted)
+    assert script.starts == [-1, 2, 6]
 
 
 def test_a_limit_of_what_the_model_does_not_give_is_refused_at_the_start(balancer: Callable[..., Bench]) -> None:

@@ -13,6 +13,7 @@ from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
     FollowingErrorSettings,
+    GravitySettings,
     LateCyclesLimit,
     SafetySettings,
     SupplyWindow,
@@ -390,3 +391,39 @@ def test_a_gyro_alone_is_no_imu() -> None:
     rig = Rig(SafetySettings(checklist=ChecklistSettings()), (*WHEELS, *GYRO))
     rig.run()
     assert not {"imu_still", "tilt"} & set(rig.check())
+
+
+GRAVITY = GravitySettings(wheel_radius=0.1, imu_height=0.5, velocity_m_s=0.5, gyro_rad_s=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("left.velocity", 11.0),
+        ("right.velocity", -11.0),
+        ("imu.angular_velocity_y", 0.9),
+        ("imu.linear_acceleration_x", 110.0),
+        ("imu.linear_acceleration_z", -100.0),
+    ],
+)
+def test_an_imu_that_does_not_measure_how_the_robot_moves_is_a_fault_and_not_credible(name: str, value: float) -> None:
+    rig = Rig(SafetySettings(gravity=GRAVITY))
+    assert rig.run() == []
+    assert rig.monitor.imu_is_credible
+    rig.values[name] = value
+    (fault,) = rig.run()
+    assert fault.startswith("the IMU does not measure how the robot moves")
+    assert not rig.monitor.imu_is_credible
+
+
+def test_what_gravity_needs_and_the_robot_lacks_is_refused() -> None:
+    signals = [name for name in SIGNALS if name != "imu.linear_acceleration_x"]
+    with pytest.raises(ConfigurationError, match=r"safety\.gravity needs 'imu\.linear_acceleration_x'"):
+        SafetyMonitor(SafetySettings(gravity=GRAVITY), signals, (), PERIOD)
+
+
+def test_an_imu_that_is_not_watched_is_credible() -> None:
+    rig = Rig(NOTHING_WATCHED)
+    rig.values["imu.linear_acceleration_z"] = 100.0
+    rig.run()
+    assert rig.monitor.imu_is_credible

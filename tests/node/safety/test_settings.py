@@ -11,6 +11,7 @@ from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
     FollowingErrorSettings,
+    GravitySettings,
     LateCyclesLimit,
     OscillationLimit,
     SafetySettings,
@@ -38,6 +39,7 @@ safety:
   command_slew: 60.0
   output_limits: {odometry.x: 1000.0, left.torque: 4.0}
   oscillation: {amplitude: 2.0, in_window: 5, window_s: 0.3}
+  gravity: {wheel_radius: 0.1, imu_height: -0.2, velocity_m_s: 1.5, gyro_rad_s: 0.2, settle_s: 0.7}
   checklist:
     {rate_tolerance: 0.1, still_rate: 0.2, still_acceleration: 1.0, still_s: 1.0, tilt_rad: 0.1, wheel_velocity: 1.0}
 """
@@ -76,6 +78,7 @@ def test_every_key_is_taken() -> None:
         command_slew=60.0,
         output_limits={"odometry.x": 1000.0, "left.torque": 4.0},
         oscillation=OscillationLimit(amplitude=2.0, in_window=5, window_s=0.3),
+        gravity=GravitySettings(wheel_radius=0.1, imu_height=-0.2, velocity_m_s=1.5, gyro_rad_s=0.2, settle_s=0.7),
         checklist=ChecklistSettings(
             rate_tolerance=0.1, still_rate=0.2, still_acceleration=1.0, still_s=1.0, tilt_rad=0.1, wheel_velocity=1.0
         ),
@@ -96,6 +99,7 @@ def test_what_the_parts_leave_out_has_its_default() -> None:
         track=1.0, wheel_radius=1.0, linear_window=1.0, angular_window=None, settle_s=1.0, for_s=0.1, may_rest=False
     )
     assert OscillationLimit(amplitude=1.0, in_window=3).window_s == 0.2
+    assert GravitySettings(wheel_radius=1.0, imu_height=1.0, velocity_m_s=1.0, gyro_rad_s=1.0).settle_s == 0.4
     assert LateCyclesLimit() == LateCyclesLimit(in_a_row=5, in_window=None, window_s=1.0)
     assert ChecklistSettings() == ChecklistSettings(
         rate_tolerance=0.05, still_rate=0.1, still_acceleration=0.5, still_s=0.5, tilt_rad=0.2, wheel_velocity=0.5
@@ -103,7 +107,12 @@ def test_what_the_parts_leave_out_has_its_default() -> None:
 
 
 GIVE_WINDOW = "give linear_window (m/s), angular_window (rad/s) or both at safety.following_error"
+GRAVITY = "gravity: {wheel_radius: 0.1, velocity_m_s: 1.0, gyro_rad_s: 0.1, "
 REFUSED = {
+    GRAVITY + "imu_height: 3.1}": "safety.gravity.imu_height",
+    GRAVITY + "imu_height: -3.1}": "safety.gravity.imu_height",
+    GRAVITY + "imu_height: 0.5, settle_s: 0.09}": "safety.gravity.settle_s",
+    GRAVITY + "imu_height: 0.5, settle_s: 11.0}": "safety.gravity.settle_s",
     "tilt_limit_rad: 1.6": "safety.tilt_limit_rad",
     "tilt_limit_rad: 0.0": "safety.tilt_limit_rad",
     "tilt_rate_limit: -1.0": "safety.tilt_rate_limit",

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""What the IMU measures, against gravity and the wheels: noise is no motion, and a gyro that is off shows in time."""
+
+from math import atan2, copysign, cos, hypot, isfinite, nan, sin
+from typing import Final
+
+from segway_ecc.node.safety.check import Check, View, periods_in
+from segway_ecc.node.safety.settings import GravitySettings
+from segway_ecc.node.safety.tilt import GRAVITY
+
+_GRAVITY_WITHIN: Final = 0.1
+"""It begins with a sample whose magnitude is this near to gravity, as a fraction."""
+_LONGEST_GAP_S: Final = 0.1
+"""After a longer gap it begins anew, s."""
+_MOST_LEARNT: Final = 0.25
+"""A residual counts as a gyro's offset up to here, m/s: what lasts for a few samples is none."""
+
+
+class GravityCheck(Check):
+    """The IMU's velocity by its accelerometer, in the plane of pitch, against that by wheels and gyro; see `Check`.
+
+    On level ground an IMU at a height h above the axle, which goes ahead at v, moves ahead at v + h rate cos(pitch) and
+    up at -h rate sin(pitch). Both are also the integral of the specific force, turned upright by the pitch, without
+    gravity. An observer with three equal poles (Luenberger, 1971, doi 10.1109/TAC.1971.1099826) estimates the velocity
+    ahead, the pitch and the gyro's offset from the residual; the velocity up is that of a filter with the gain of the
+    first. Standing up, pushes and landing are motions that both show: they leave no residual. Noise does, soon.
+
+    Attributes:
+        is_credible: Whether the newest sample goes with those before; it does not where none does.
+    """
+
+    def __init__(
+        self, wheels: tuple[int, int], imu: tuple[int, int, int], settings: GravitySettings, period_s: float
+    ) -> None:
+        """Compare the wheels' velocities with the gyro about y and the accelerations along x and z, at these places."""
+        self.needs: tuple[int, ...] = (*wheels, *imu)
+        self.is_credible = True
+        self._left, self._right = wheels
+        self._gyro, self._x, self._z = imu
+        self._radius, self._height = settings.wheel_radius, settings.imu_height
+        self._most_velocity, self._most_offset = settings.velocity_m_s, settings.gyro_rad_s
+        pole = 1.0 / settings.settle_s
+        self._velocity_gain = 3.0 * pole
+        self._pitch_gain = 3.0 * pole**2 / GRAVITY
+        self._offset_gain = pole**3 / GRAVITY
+        self._period_s = period_s
+        self._longest_gap = periods_in(_LONGEST_GAP_S, period_s)
+        self._missed = 0
+        self._is_running = False
+        self._pitch = self._rate = self._offset = self._ahead = self._up = 0.0
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        periods = self._missed + view.periods
+        if not view.has(self.needs):
+            self._missed = periods
+            return None
+        is_late = self._missed > 0
+        self._missed = 0
+        values = view.values
+        rate, x, z = values[self._gyro], values[self._x], values[self._z]
+        wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
+        if not self._is_running or periods > self._longest_gap:
+            self._begin(rate, x, z, wheels)
+            return None
+        elapsed_s = periods * self._period_s
+        turned = rate - self._offset
+        pitch = self._pitch + elapsed_s * (0.5 * (rate + self._rate) - self._offset)
+        self._rate = rate
+        cosine, sine = (cos(pitch), sin(pitch)) if isfinite(pitch) else (nan, nan)
+        swing = self._height * turned
+        ahead = wheels + self._radius * turned + swing * cosine
+        up = -swing * sine
+        if is_late:  # what happened meanwhile is not known
+            self._pitch, self._ahead, self._up = pitch, ahead, up
+            return None
+        shown_ahead = self._ahead + elapsed_s * (x * cosine + z * sine)
+        shown_up = self._up + elapsed_s * (z * cosine - x * sine - GRAVITY)
+        off, off_up = ahead - shown_ahead, up - shown_up
+        far = hypot(off, off_up)
+        if not far <= self._most_velocity:
+            self._is_running = self.is_credible = False
+            return (
+                f"the IMU does not measure how the robot moves: against gravity and the wheels it is off by {far:.2f} "
+                f"m/s, beyond {self._most_velocity:g} m/s"
+            )
+        gain = elapsed_s * self._velocity_gain
+        self._ahead = shown_ahead + gain * off
+        self._up = shown_up + gain * off_up
+        self._pitch = pitch + elapsed_s * self._pitch_gain * off
+        if abs(off) > _MOST_LEARNT:  # seldom: min and max in every cycle take longer
+            off = copysign(_MOST_LEARNT, off)
+        offset = self._offset = self._offset - elapsed_s * self._offset_gain * off
+        if abs(offset) <= self._most_offset:
+            return None
+        return f"the IMU's gyro is off by {offset:.2f} rad/s about y, beyond {self._most_offset:g} rad/s"
+
+    def _begin(self, rate: float, x: float, z: float, wheels: float) -> None:
+        """Begin with a sample that may be one of a body at rest."""
+        self.is_credible = self._is_running = abs(hypot(x, z) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
+        self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
+        swing = self._height * rate
+        self._ahead = wheels + self._radius * rate + swing * cos(self._pitch)
+        self._up = -swing * sin(self._pitch)

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: MIT
+"""What the IMU measures against gravity and the wheels: motion leaves no trace, noise and an offset of the gyro do."""
+
+import math
+import random
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+
+import pytest
+from msgspec.structs import replace
+
+from segway_ecc.node.safety.check import View
+from segway_ecc.node.safety.gravity import GravityCheck
+from segway_ecc.node.safety.settings import GravitySettings
+
+PERIOD_S = 0.001
+RADIUS, HEIGHT, G = 0.05, 0.5, 9.80665
+SETTINGS = GravitySettings(wheel_radius=RADIUS, imu_height=HEIGHT, velocity_m_s=0.5, gyro_rad_s=0.05, settle_s=0.4)
+STRICT = replace(SETTINGS, velocity_m_s=0.002, gyro_rad_s=0.002)
+POLE = 1.0 / 0.4
+Sample = tuple[float, float, float, float, float]
+"""Velocities of both wheels, rad/s; gyro about y, rad/s; specific force along x and z, m/s2."""
+REST: Sample = (0.0, 0.0, 0.0, 0.0, G)
+
+
+def check_of(settings: GravitySettings = SETTINGS, period_s: float = PERIOD_S) -> GravityCheck:
+    return GravityCheck((0, 1), (2, 3, 4), settings, period_s)
+
+
+def looks(check: GravityCheck, samples: Iterable[Sample], periods: int = 1) -> Iterator[str | None]:
+    return (check.look(View(sample, (True,) * 5, periods)) for sample in samples)
+
+
+def first_fault(check: GravityCheck, samples: Iterable[Sample]) -> tuple[int, str]:
+    return next((place, fault) for place, fault in enumerate(looks(check, samples)) if fault is not None)
+
+
+def leaning(pitch: float) -> Sample:
+    return 0.0, 0.0, 0.0, -G * math.sin(pitch), G * math.cos(pitch)
+
+
+def moving(pitch: Callable[[float], float], way: Callable[[float], float], duration_s: float) -> Iterator[Sample]:
+    """What a robot measures that leans and drives so over time, by central differences."""
+    step = 1e-4
+
+    def slope(value: Callable[[float], float], at: float) -> float:
+        return (value(at + step) - value(at - step)) / (2.0 * step)
+
+    def curve(value: Callable[[float], float], at: float) -> float:
+        return (value(at + step) - 2.0 * value(at) + value(at - step)) / step**2
+
+    for place in range(round(duration_s / PERIOD_S)):
+        at = place * PERIOD_S
+        middle = at - 0.5 * PERIOD_S  # an acceleration counts for the period that ends with its sample
+        rate, sine, cosine = slope(pitch, at), math.sin(pitch(at)), math.cos(pitch(at))
+        ahead = curve(lambda t: way(t) + HEIGHT * math.sin(pitch(t)), middle)
+        up = curve(lambda t: HEIGHT * math.cos(pitch(t)), middle) + G
+        wheel = slope(way, at) / RADIUS - rate
+        yield wheel + 1.0, wheel - 1.0, rate, ahead * cosine - up * sine, ahead * sine + up * cosine
+
+
+@pytest.mark.parametrize(
+    ("pitch", "way"),
+    [
+        (lambda _: 0.0, lambda _: 0.0),
+        (lambda _: 0.5, lambda _: 0.0),
+        (lambda _: -0.4, lambda t: 0.4 * max(t - 0.3, 0.0) ** 2),
+        (lambda t: 0.5 / (1.0 + math.exp(40.0 * (t - 0.5))), lambda t: 0.3 / (1.0 + math.exp(-30.0 * (t - 0.5)))),
+        (lambda t: 0.1 * math.sin(7.0 * t), lambda t: 0.1 * math.sin(3.0 * t)),
+    ],
+    ids=["at rest", "on its stop", "speeding up", "standing up", "balancing"],
+)
+def test_motion_that_wheels_and_imu_both_show_is_no_fault(
+    pitch: Callable[[float], float], way: Callable[[float], float]
+) -> None:
+    strict = replace(SETTINGS, velocity_m_s=0.012, gyro_rad_s=0.01)
+    check = check_of(strict)
+    assert set(looks(check, moving(pitch, way, 2.0))) == {None}
+    assert check.is_credible
+
+
+def test_a_check_that_has_seen_nothing_yet_has_nothing_against_the_imu() -> None:
+    check = check_of()
+    assert check.is_credible
+    assert look_blind(check, 1) is None
+    assert check.is_credible
+
+
+def test_at_rest_nothing_is_off_wherever_it_leans() -> None:
+    for pitch in (-1.0, -0.3, 0.0, 0.5, 1.2):
+        assert set(looks(check_of(STRICT), [leaning(pitch)] * 3000)) == {None}
+
+
+def test_both_wheels_count_by_half() -> None:
+    for left, right in ((24.0, 0.0), (0.0, 24.0)):
+        check = check_of()
+        place, fault = first_fault(check, [REST, (left, right, 0.0, 0.0, G)])
+        assert place == 1
+        assert fault == (
+            "the IMU does not measure how the robot moves: against gravity and the wheels it is off by 0.60 m/s, "
+            "beyond 0.5 m/s"
+        )
+
+
+def test_the_limit_itself_is_no_fault_and_either_way_beyond_it_is() -> None:
+    check = check_of(replace(SETTINGS, velocity_m_s=0.5, gyro_rad_s=1.0))
+    assert list(looks(check, [REST, (10.0, 10.0, 0.0, 0.0, G)])) == [None, None]
+    for wheel in (10.1, -10.1):
+        assert first_fault(check_of(), [REST, (wheel, wheel, 0.0, 0.0, G)])[0] == 1
+
+
+def test_an_imu_that_feels_nothing_is_a_fault_as_soon_as_a_fall_would_have_had_that_velocity() -> None:
+    gain = 3.0 * POLE
+    expected_s = -math.log(1.0 - SETTINGS.velocity_m_s * gain / G) / gain
+    place, fault = first_fault(check_of(), [REST, *[(0.0,) * 5] * 1000])
+    assert place * PERIOD_S == pytest.approx(expected_s, abs=1.5 * PERIOD_S)
+    assert fault.startswith("the IMU does not measure how the robot moves")
+
+
+@pytest.mark.parametrize("amount", [0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0])
+def test_noise_of_any_size_is_a_fault_soon(amount: float) -> None:
+    for seed in range(5):
+        noise = partial(random.Random(seed).uniform, -amount, amount)  # noqa: S311 - noise, no secret
+        samples: list[Sample] = [(0.0, 0.0, noise(), noise(), noise()) for _ in range(200)]
+        place, _ = first_fault(check_of(), [REST] * 100 + samples)
+        assert 100 <= place < 175
+
+
+def test_an_accelerometer_ahead_that_jumps_is_off_by_its_integral() -> None:
+    place, _ = first_fault(check_of(), [REST, *[(0.0, 0.0, 0.0, 30.0, G)] * 100])
+    assert place == pytest.approx(0.5 / 30.0 / PERIOD_S, abs=2)
+
+
+@pytest.mark.parametrize("offset", [0.06, -0.06, 0.3, -0.3])
+def test_the_gyro_s_offset_is_learnt_with_three_equal_poles(offset: float) -> None:
+    check = check_of(replace(SETTINGS, imu_height=-RADIUS))  # on the ground, where a rate alone moves nothing
+    place, fault = first_fault(check, [REST] * 10 + [(0.0, 0.0, offset, 0.0, G)] * 4000)
+    at = (place - 10) * PERIOD_S * POLE
+    learnt = offset * (1.0 - math.exp(-at) * (1.0 + at + 0.5 * at * at))
+    assert abs(learnt) == pytest.approx(0.05, rel=0.02)
+    sign = "" if offset > 0.0 else "-"
+    assert fault == f"the IMU's gyro is off by {sign}0.05 rad/s about y, beyond 0.05 rad/s"
+
+
+def test_an_offset_below_the_limit_is_none_and_a_fault_lasts_as_long_as_the_offset() -> None:
+    offset = (0.0, 0.0, 0.06, 0.0, G)
+    assert set(looks(check_of(), [REST, *[(0.0, 0.0, 0.049, 0.0, G)] * 6000])) == {None}
+    check = check_of()
+    list(looks(check, [REST, *[offset] * 4000]))
+    assert None not in set(looks(check, [offset] * 500))
+    assert check.is_credible
+    assert set(list(looks(check, [REST] * 4000))[1000:]) == {None}
+
+
+def test_what_is_off_for_a_moment_is_learnt_as_a_quarter_of_a_metre_per_second_at_the_most() -> None:
+    check = check_of(replace(SETTINGS, velocity_m_s=2.0, gyro_rad_s=0.12, settle_s=0.1), period_s=0.005)
+    faults = list(looks(check, [REST, (30.0, 30.0, 0.0, 0.0, G)]))
+    assert faults[1] == "the IMU's gyro is off by -0.13 rad/s about y, beyond 0.12 rad/s"
+    check = check_of(replace(SETTINGS, velocity_m_s=2.0, gyro_rad_s=0.12, settle_s=0.1), period_s=0.005)
+    faults = list(looks(check, [REST, (-30.0, -30.0, 0.0, 0.0, G)]))
+    assert faults[1] == "the IMU's gyro is off by 0.13 rad/s about y, beyond 0.12 rad/s"
+
+
+def test_the_gyro_is_taken_between_its_samples_and_swings_the_imu() -> None:
+    check = check_of(replace(SETTINGS, velocity_m_s=0.54))
+    assert list(looks(check, [REST, (0.0, 0.0, 1.0, 0.0, G)]))[1] is not None, "0.05 and 0.5 m/s"
+    check = check_of(replace(SETTINGS, velocity_m_s=0.56))
+    assert list(looks(check, [REST, (0.0, 0.0, 1.0, 0.0, G)])) == [None, None]
+
+
+def test_it_begins_with_a_sample_near_gravity_in_motion_too() -> None:
+    for x, z, credible in (
+        (0.0, 1.11 * G, False),
+        (0.0, 1.09 * G, True),
+        (0.91 * G, 0.0, True),
+        (0.0, 0.89 * G, False),
+    ):
+        check = check_of()
+        assert list(looks(check, [(0.0, 0.0, 0.0, x, z)])) == [None]
+        assert check.is_credible is credible
+    check = check_of(replace(SETTINGS, velocity_m_s=0.02))
+    pitch = 0.4
+    samples = list(moving(lambda t: pitch + 0.8 * t, lambda t: 1.5 * t, 0.02))
+    assert set(looks(check, samples)) == {None}
+
+
+def test_while_it_has_not_begun_nothing_is_a_fault_and_nothing_is_credible() -> None:
+    check = check_of()
+    assert set(looks(check, [(0.0, 0.0, 50.0, 3.0, 3.0)] * 100)) == {None}
+    assert not check.is_credible
+    assert set(looks(check, [REST] * 100)) == {None}
+    assert check.is_credible
+
+
+def test_after_noise_it_begins_anew_and_forgets_what_it_learnt() -> None:
+    check = check_of()
+    list(looks(check, [REST, *[(0.0, 0.0, 0.3, 0.0, G)] * 2000]))
+    place, _ = first_fault(check, [(20.0, 20.0, 0.3, 0.0, G)])
+    assert place == 0
+    assert not check.is_credible
+    assert set(looks(check, [leaning(0.5)] * 4000)) == {None}
+    assert check.is_credible
+
+
+def test_an_imu_high_up_learns_as_its_equations_have_it() -> None:
+    """Integrated here without the check's parts, as far as they are linear."""
+    settings = replace(SETTINGS, imu_height=3.0, velocity_m_s=5.0, gyro_rad_s=0.05)
+    given, height = 0.06, 3.0 + RADIUS
+    ahead = pitch = learnt = 0.0
+    expected = 0
+    while learnt < 0.05:
+        pitch += PERIOD_S * (given - learnt)
+        ahead += PERIOD_S * G * pitch
+        off = height * (given - learnt) - ahead
+        ahead += PERIOD_S * 3.0 * POLE * off
+        pitch += PERIOD_S * 3.0 * POLE**2 / G * off
+        learnt -= PERIOD_S * POLE**3 / G * off
+        expected += 1
+    place, _ = first_fault(check_of(settings), [REST, *[(0.0, 0.0, given, 0.0, G)] * 20_000])
+    assert place == pytest.approx(expected, rel=0.01)
+
+
+def test_one_gap_is_not_another() -> None:
+    check = check_of()
+    list(looks(check, [REST]))
+    assert look_blind(check, 60) is None
+    list(looks(check, [REST]))
+    assert look_blind(check, 60) is None
+    assert list(looks(check, [(30.0, 30.0, 0.0, 0.0, 3.0 * G)])) == [None]
+    assert check.is_credible, "it goes on: it would not begin with such a sample"
+
+
+def test_each_period_counts() -> None:
+    gain = 3.0 * POLE
+    one, three = check_of(), check_of()
+    nothing = (0.0,) * 5
+    assert list(looks(one, [REST, *[nothing] * 20])) == [None] * 21
+    assert list(looks(three, [REST])) == [None]
+    faults = list(looks(three, [nothing] * 40, periods=3))
+    place = next(place for place, fault in enumerate(faults) if fault is not None)
+    expected_s = -math.log(1.0 - SETTINGS.velocity_m_s * gain / G) / gain
+    assert (place + 1) * 3 * PERIOD_S == pytest.approx(expected_s, abs=4 * PERIOD_S)
+
+
+def look_blind(check: GravityCheck, periods: int, place: int = 4) -> str | None:
+    valid = [True] * 5
+    valid[place] = False
+    return check.look(View((9.0, 9.0, 9.0, 9.0, 9.0), valid, periods))
+
+
+@pytest.mark.parametrize("place", range(5))
+def test_what_happens_in_a_gap_is_not_known(place: int) -> None:
+    check = check_of()
+    list(looks(check, [REST]))
+    assert look_blind(check, 1, place) is None
+    pushed = (30.0, 30.0, 0.0, 0.0, G)
+    assert list(looks(check, [pushed] * 10)) == [None] * 10
+    assert first_fault(check, [REST])[0] == 0
+
+
+def test_after_a_gap_the_pitch_has_gone_on_with_the_gyro() -> None:
+    check = check_of(STRICT)
+    assert list(looks(check, [leaning(0.1)])) == [None]
+    assert look_blind(check, 49) is None
+    # On from 0.1 rad by the mean of 0 and 4 rad/s for 50 ms.
+    assert list(looks(check, [(-4.0, -4.0, 4.0, *leaning(0.2)[3:])])) == [None]
+    check._rate = 0.0  # it stops there
+    turned = [(0.0, 0.0, 0.0, *leaning(0.2)[3:])] * 5
+    assert look_blind(check, 1) is None
+    assert list(looks(check, turned)) == [None] * 5
+
+
+def test_after_a_long_gap_it_begins_anew() -> None:
+    for periods, begins in ((99, False), (100, True)):
+        check = check_of()
+        list(looks(check, [REST]))
+        assert look_blind(check, periods - 1) is None
+        assert look_blind(check, 1) is None
+        list(looks(check, [(0.0,) * 5]))
+        assert check.is_credible is not begins
+
+
+def test_a_late_cycle_that_saw_everything_is_looked_at_as_any_other() -> None:
+    check = check_of()
+    list(looks(check, [REST]))
+    assert None not in list(looks(check, [(20.0, 20.0, 0.0, 0.0, G)], periods=3))
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1.7e308])
+@pytest.mark.parametrize("place", range(5))
+def test_what_is_no_number_or_beyond_any_is_a_fault_and_forgotten(place: int, value: float) -> None:
+    wrong = list(REST)
+    wrong[place] = value
+    check = check_of()
+    faults = [check.look(View(values, (True,) * 5, 1)) for values in (REST, wrong, wrong, REST)]
+    assert faults[0] is None
+    assert faults[1] is not None
+    assert set(looks(check, [REST] * 10)) == {None}
+    assert check.is_credible
+    check = check_of()
+    for values in (wrong, REST, REST):
+        check.look(View(values, (True,) * 5, 1))
+    assert check.is_credible
