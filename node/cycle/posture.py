@@ -7,7 +7,7 @@ from typing import Final
 from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.interfaces import Inbox, Request
 from segway_ecc.node.errors import UnknownNameError
-from segway_ecc.node.safety.modes import STOPPED, Action, Answer, Mode
+from segway_ecc.node.safety.modes import STATION_LOST, STOPPED, Action, Answer, Mode
 from segway_ecc.node.safety.monitor import SafetyMonitor
 from segway_ecc.node.safety.posture import UP, Posture, PostureWatch
 from segway_ecc.node.safety.settings import PostureSettings
@@ -121,7 +121,10 @@ class PostureControl:
 
     def _ask_to_stand_up(self, request: Request, set_values: MutableSequence[float]) -> None:
         arming, posture = self._arming, self.watch.posture
-        if arming.is_active:
+        if arming.is_active and arming.modes.reason == STATION_LOST:  # which sits it down in the end
+            message = f"{STATION_LOST}: the robot does not stand up before one is back"
+            request.answer(Answer(accepted=False, message=message))
+        elif arming.is_active:
             set_values[self._place] = 1.0
             already = "stands already" if posture in UP else "stands up"
             request.answer(Answer(accepted=True, message=f"the robot {already}"))
