@@ -7,15 +7,19 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from segway_ecc.node.cli.main import command_line, find_verbs
+from segway_ecc.node.safety.settings import Span
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS = sorted((DEPLOY / "systemd").glob("*.service")) + sorted((DEPLOY / "systemd").glob("*.target"))
 OTHERS = sorted((DEPLOY / "image" / "files").glob("*.service"))
 SERVICES = ["node", "guard", "archive", "station"]
+LEAVES_S = 15.0
+"""From sitting to the end: ROS is left within 5 s, and the log closed within 10 s."""
 COMMAND = "/opt/segway-ecc/current/venv/bin/segway-ecc"
 MOST_EXPOSED = {"node": 25, "guard": 25, "archive": 25, "station": 25}
 
@@ -102,6 +106,17 @@ def test_what_controls_is_started_again_for_ever_and_at_once() -> None:
         assert found["Service"]["Restart"] == ["always"]
         assert found["Service"]["RestartSec"] == ["100ms"]
         assert "sys-subsystem-net-devices-can0.device" in found["Install"]["WantedBy"]
+
+
+def test_a_robot_that_balances_has_the_time_to_sit_down_before_it_is_killed() -> None:
+    service = unit("node")["Service"]
+    (limit,) = get_args(Span)[1:]
+    (stop,) = service["TimeoutStopSec"]
+    assert float(stop.removesuffix("s")) >= limit.le + LEAVES_S
+    assert service.get("KillSignal", ["SIGTERM"]) == ["SIGTERM"]
+    assert {"ExecStop", "FinalKillSignal", "SendSIGHUP"}.isdisjoint(service)
+    # The stop goes the other way round: the guard stays until the node has gone.
+    assert "segway-ecc-guard.service" in unit("node")["Unit"]["After"][0]
 
 
 def test_only_the_node_itself_notifies_systemd() -> None:
