@@ -20,7 +20,7 @@ from segway_ecc.node.cli.options import add_json, check_seconds, print_found, st
 from segway_ecc.node.cycle.report import state_text
 from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError
 from segway_ecc.node.ros.runtime import discovery_text
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.modes import STOPPED, Mode
 
 FAULT: Final = 10
 _LOOK_EVERY_S: Final = 0.05
@@ -67,6 +67,7 @@ def screen(robot: RobotView) -> str:
     """One robot as lines of text."""
     rows = {
         "mode": f"{state_text(robot.mode, robot.posture)}: {robot.reason}",
+        **_way_back(robot),
         "received": f"{robot.age_s:.2f} s ago" + ("" if robot.is_alive else ", LOST: what it last was is shown"),
         "tilt": _number(robot.pitch, "deg", math.degrees),
         "velocity": _pair(robot.linear_velocity, robot.angular_velocity),
@@ -83,6 +84,13 @@ def screen(robot: RobotView) -> str:
     width = max(map(len, rows))
     lines = [f"  {_shown(name):<{width}}  {_shown(text)}\n" for name, text in rows.items()]
     return f"{_shown(robot.robot)}  {_shown(robot.name)}\n{''.join(lines)}"
+
+
+def _way_back(robot: RobotView) -> dict[str, str]:
+    """The commands that bring back a robot that an operator stopped."""
+    if robot.mode != Mode.FAULT or robot.reason != STOPPED:
+        return {}
+    return {"way back": f"clear_fault, then {'stand_up' if robot.posture else 'arm'}"}
 
 
 def _look(fleet: Callable[[], FleetView], wait_s: float, stop: list[str]) -> FleetView:

@@ -76,6 +76,7 @@ export class Stop {
     text(byId("stop-state"), status.words);
     attribute(byId("bar"), "data-stop", status.kind || null);
     attribute(byId("stop"), "aria-disabled", robot ? null : "true");
+    attribute(byId("stop-clear"), "title", robot ? `The way back: clear stop, then ${robot.posture ? "stand up" : "arm"}` : null);
     visible(byId("stop-clear"), status.kind !== "");
     visible(byId("stop-all"), robots.length > 1);
   }

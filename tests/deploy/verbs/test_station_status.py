@@ -55,6 +55,19 @@ def test_fleet_is_settled_once_every_robot_has_sent_all() -> None:
     assert not fleet(WELL, FAULT).is_settled
 
 
+@pytest.mark.parametrize(
+    ("reason", "posture", "way"),
+    [("stop was pressed", "FALLEN", "clear_fault, then stand_up"), ("stop was pressed", "", "clear_fault, then arm")],
+)
+def test_a_stopped_robot_is_shown_with_its_way_back(reason: str, posture: str, way: str) -> None:
+    lines = screen(RobotView(robot="/f", mode="FAULT", reason=reason, posture=posture)).splitlines()
+    assert [line.partition("way back")[2].strip() for line in lines if "way back" in line] == [way]
+
+
+def test_a_robot_whose_fault_has_another_cause_is_shown_without_it() -> None:
+    assert "way back" not in screen(RobotView(robot="/f", mode="FAULT", reason="tilt", posture="FALLEN"))
+
+
 def test_the_screen() -> None:
     assert screen(WELL).splitlines() == [
         "/a  alice",

@@ -103,6 +103,15 @@ def test_zero_commands_confirm_stop_and_are_shown_as_such(page: "Page", station:
     shows(page, "#stop-state", "Stop confirmed after 4.9 ms: commands zero")
 
 
+@pytest.mark.parametrize(("posture", "way"), [("FALLEN", "stand up"), ("", "arm")])
+def test_clear_stop_shows_both_commands_of_the_way_back(
+    page: "Page", station: FakeStation, posture: str, way: str
+) -> None:
+    station.robot(stop="confirmed", stop_after_s=0.01, mode="FAULT", posture=posture, drives="off")
+    shows(page, "#stop-clear", "Clear stop")
+    page.wait_for_selector(f"#stop-clear[title='The way back: clear stop, then {way}']")
+
+
 def test_unconfirmed_stop_is_shown(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.STOP] = None
     page.keyboard.press("Escape")
