@@ -44,7 +44,8 @@ ROS_OWN = (
     "/set_parameters_atomically",
 )
 KINDS = {"Float64": Float64, "Twist": Twist, "TwistStamped": TwistStamped, "String": String, "Header": Header}
-PATIENCE_S = 15.0
+PATIENCE_S = 40.0
+LOOKS_EVERY_S = 0.01
 NS_PER_S = 1_000_000_000
 
 
@@ -110,12 +111,12 @@ class ForeignNode:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.received: dict[str, list[Any]] = defaultdict(list)
-        self.listening: set[str] = set()
+        self.subscriptions: dict[str, Any] = {}
         self.publishers: dict[tuple[str, str], Any] = {}
 
     def look(self, namespace: str, expected: Any) -> Any:
         """Topics and services of the node called `model`, with type and QoS, once they are as expected or never."""
-        self._spin_until(lambda: self._seen(namespace) == expected)
+        self._wait_until(lambda: self._seen(namespace) == expected)
         return self._seen(namespace)
 
     def _seen(self, namespace: str) -> Any:
@@ -143,18 +144,17 @@ class ForeignNode:
 
     def wait_for(self, node: str, namespace: str) -> Any:
         """Wait until a node is seen."""
-        return self._spin_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
+        return self._wait_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
 
     def wait_for_publishers(self, topic: str, count: int) -> Any:
         """Wait until a topic has that many publishers."""
-        return self._spin_until(lambda: self.node.count_publishers(topic) == count)
+        return self._wait_until(lambda: self.node.count_publishers(topic) == count)
 
     def listen(self, topic: str) -> Any:
         """Receive a topic from now on."""
-        if topic not in self.listening:
-            self.listening.add(topic)
+        if topic not in self.subscriptions:
             kind = OUT.get(topic.rpartition("/")[2], Float64)
-            self.node.create_subscription(
+            self.subscriptions[topic] = self.node.create_subscription(
                 kind, topic, lambda message: self.received[topic].append(plain(message)), 1000
             )
         return True
@@ -162,13 +162,21 @@ class ForeignNode:
     def receive(self, topic: str) -> Any:
         """All that came on a topic since it was last asked for, waiting for one where there is none."""
         self.listen(topic)
-        self._spin_until(lambda: bool(self.received[topic]))
+        self._wait_until(lambda: self._take(topic))
         return self.received.pop(topic, [])
+
+    def _take(self, topic: str) -> bool:
+        """Take what is there, without the executor: for each message it looks at all topics, and takes one."""
+        subscription = self.subscriptions[topic]
+        with subscription.handle:
+            while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+                self.received[topic].append(plain(taken[0]))
+        return bool(self.received[topic])
 
     def publish(self, topic: str, kind: str, linear: float, angular: float, stamp_ns: int = 0) -> Any:
         """Publish one set-point, when whoever takes it is there."""
         publisher = self._publisher(topic, kind)
-        if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
+        if not self._wait_until(lambda: publisher.get_subscription_count() > 0):
             return False
         message = KINDS[kind]()
         twist = message
@@ -189,7 +197,7 @@ class ForeignNode:
     def publish_number(self, topic: str, value: float) -> Any:
         """Publish one number, when whoever takes it is there."""
         publisher = self._publisher(topic, "Float64")
-        if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
+        if not self._wait_until(lambda: publisher.get_subscription_count() > 0):
             return False
         publisher.publish(Float64(data=value))
         return True
@@ -197,7 +205,7 @@ class ForeignNode:
     def beat(self, topic: str, station: str, stamp_ns: int) -> Any:
         """Publish one heartbeat of a base station, when whoever takes it is there."""
         publisher = self._publisher(topic, "Header")
-        if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
+        if not self._wait_until(lambda: publisher.get_subscription_count() > 0):
             return False
         message = Header(frame_id=station)
         message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
@@ -225,17 +233,17 @@ class ForeignNode:
         answer = self._ask(SetParameters, f"{node}/set_parameters", SetParameters.Request(parameters=parameters))
         return [answer.results[0].successful, answer.results[0].reason]
 
-    def _ask(self, kind: Any, service: str, request: Any) -> Any:
+    def _ask(self, kind: Any, service: str, request: Any, within_s: float = PATIENCE_S) -> Any:
         client = self.node.create_client(kind, service)
         client.wait_for_service(PATIENCE_S)
         future = client.call_async(request)
-        self.executor.spin_until_future_complete(future, PATIENCE_S)
+        self.executor.spin_until_future_complete(future, within_s)
         self.node.destroy_client(client)
         return future.result()
 
-    def call(self, service: str) -> Any:
-        """Call a Trigger service."""
-        answer = self._ask(Trigger, service, Trigger.Request())
+    def call(self, service: str, within_s: float = PATIENCE_S) -> Any:
+        """Call a Trigger service; None where no answer comes within the time."""
+        answer = self._ask(Trigger, service, Trigger.Request(), within_s)
         return answer and [answer.success, answer.message]
 
     def _publisher(self, topic: str, kind: str) -> Any:
@@ -243,12 +251,13 @@ class ForeignNode:
             self.publishers[topic, kind] = self.node.create_publisher(KINDS[kind], topic, 100)
         return self.publishers[topic, kind]
 
-    def _spin_until(self, done: Any) -> bool:
+    def _wait_until(self, done: Any) -> bool:
+        """Wait for what ROS learns by itself, as messages and who is there."""
         deadline_s = time.monotonic() + PATIENCE_S
         while not done():
             if time.monotonic() > deadline_s:
                 return False
-            self.executor.spin_once(timeout_sec=0.1)
+            time.sleep(LOOKS_EVERY_S)
         return True
 
 
