@@ -15,6 +15,9 @@ import pytest
 
 from tests.ros_domains import next_domain
 
+_ENDS_WITHIN_S = 60.0
+_TRIES = 2000
+
 Start = Callable[..., "subprocess.Popen[str]"]
 """Called with a name for the process' messages and the words after `segway-ecc`."""
 Ask = Callable[..., Any]
@@ -38,8 +41,8 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("messages")
 
 
-@pytest.fixture(scope="module")
-def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
+@contextlib.contextmanager
+def _starting(environment: dict[str, str], messages: Path) -> Iterator[Start]:
     with contextlib.ExitStack() as stack:
 
         def started(name: str, *words: str, env: dict[str, str] | None = None) -> "subprocess.Popen[str]":
@@ -49,7 +52,7 @@ def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.PIPE,
                     stderr=errors,
-                    env={**ros_environment, **(env or {})},
+                    env={**environment, **(env or {})},
                     text=True,
                 )
             stack.enter_context(process)
@@ -57,6 +60,20 @@ def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
             return process
 
         yield started
+
+
+@pytest.fixture
+def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
+    """Starts what ends with the test, so that a robot takes no time from the tests after it."""
+    with _starting(ros_environment, messages) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def start_for_all(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
+    """Starts what ends with the module."""
+    with _starting(ros_environment, messages) as start:
+        yield start
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +106,20 @@ def foreign(ros_environment: dict[str, str]) -> Iterator[Ask]:
 
         yield ask
         questions.close()
+
+
+def receive_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
+    """The first message on a topic that is as wanted."""
+    for _ in range(_TRIES):
+        received = foreign("receive", topic=topic)
+        assert received, f"nothing comes on {topic}"
+        for message in received:
+            if wanted(message):
+                return message
+    pytest.fail(f"no message on {topic} is as wanted; the last was {received[-1]}")
+
+
+def output(process: "subprocess.Popen[str]") -> str:
+    """What a process prints until it ends."""
+    text, _ = process.communicate(timeout=_ENDS_WITHIN_S)
+    return text

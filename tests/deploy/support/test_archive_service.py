@@ -36,8 +36,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def robot(start: Start, logs: Path, messages: Path) -> Iterator[Any]:
-    process = start("archive", "log", "archive", "cart", "--namespace", "/alice", "--folder", str(logs), "--rate", "50")
+def robot(start_for_all: Start, logs: Path, messages: Path) -> Iterator[Any]:
+    words = ["log", "archive", "cart", "--namespace", "/alice", "--folder", str(logs), "--rate", "50"]
+    process = start_for_all("archive", *words)
     deadline_s = time.monotonic() + 30.0
     while "handing out" not in (messages / "archive.txt").read_text() and time.monotonic() < deadline_s:
         time.sleep(0.05)

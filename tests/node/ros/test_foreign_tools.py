@@ -3,17 +3,16 @@
 
 import itertools
 import math
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.ros_processes import Ask, Start, receive_until
+
 pytestmark = pytest.mark.ros
 
-Ask = Callable[..., Any]
-Start = Callable[..., "subprocess.Popen[str]"]
 PERIOD_NS = 10_000_000
 NS_PER_S = 1_000_000_000
 TRIES = 2000
@@ -40,10 +39,10 @@ SERVICES = {f"model/{name}": ["std_srvs/srv/Trigger"] for name in ("arm", "disar
 
 
 @pytest.fixture(scope="module", autouse=True)
-def robots(start: Start, foreign: Ask) -> None:
+def robots(start_for_all: Start, foreign: Ask) -> None:
     """One robot without a namespace and one in /robot1, for the whole module."""
-    start("robot", "run", "cart", "--ros", "--no-log")
-    start("robot1", "run", "cart", "--ros", "--no-log", "--namespace", "/robot1")
+    start_for_all("robot", "run", "cart", "--ros", "--no-log")
+    start_for_all("robot1", "run", "cart", "--ros", "--no-log", "--namespace", "/robot1")
     assert foreign("wait_for", node="model", namespace="/")
     assert foreign("wait_for", node="model", namespace="/robot1")
 
@@ -57,17 +56,6 @@ def armed(foreign: Ask) -> Iterator[None]:
     receive_until(foreign, "/odom", lambda odom: abs(odom["linear"]) < 0.01 and abs(odom["angular"]) < 0.01)
     yield
     foreign("call", service="/model/disarm")
-
-
-def receive_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
-    """The first message on a topic that is as wanted."""
-    for _ in range(TRIES):
-        received = foreign("receive", topic=topic)
-        assert received, f"nothing comes on {topic}"
-        for message in received:
-            if wanted(message):
-                return message
-    pytest.fail(f"no message on {topic} is as wanted; the last was {received[-1]}")
 
 
 def mode(foreign: Ask, wanted: str) -> dict[str, Any]:
