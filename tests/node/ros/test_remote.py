@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO
+from typing import IO, NamedTuple
 
 import pytest
 from msgspec.structs import replace
@@ -49,12 +49,13 @@ from tests.node.ros.test_stage import SETTINGS
 
 pytestmark = pytest.mark.ros
 
-WITHIN_S = 30.0
+WITHIN_S = 60.0
+ENVIRONMENT = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR")
 
 
 @pytest.fixture(autouse=True)
 def alone(monkeypatch: pytest.MonkeyPatch, ros_environment: dict[str, str]) -> None:
-    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR"):
+    for name in ENVIRONMENT:
         monkeypatch.setenv(name, ros_environment[name])
 
 
@@ -76,6 +77,46 @@ def stage(bridge: RosBridge, robot: Robot) -> Iterator[RemoteStage]:
     assert stage.take_inbox() == Inbox(), "the first has what was written at the start"
     yield stage
     stage.close()
+
+
+class Loop(NamedTuple):
+    """A stage whose process the test plays.
+
+    Attributes:
+        stage: The loop's side.
+        process: Writes what the stage takes.
+        sent: Reads what the stage puts.
+    """
+
+    stage: RemoteStage
+    process: RingWriter
+    sent: RingReader
+
+
+@pytest.fixture(scope="module")
+def one_stage(ros_environment: dict[str, str]) -> Iterator[RemoteStage]:
+    """For all tests that play its process: each start of ROS takes a second."""
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ENVIRONMENT:
+            patched.setenv(name, ros_environment[name])
+        stage = RemoteStage(RosBridge(), build_robot(load_robot("cart"), RealClock()))
+        assert stage.take_inbox() == Inbox(), "the first has what was written at the start"
+        yield stage
+        stage.close()
+
+
+@pytest.fixture
+def loop(one_stage: RemoteStage) -> Iterator[Loop]:
+    """With rings of the test's own, and nothing lost before."""
+    before = one_stage._inboxes, one_stage._reports
+    inboxes, reports = open_ring(INBOX_SLOTS), open_ring(slots_for(6000))
+    one_stage._inboxes, one_stage._reports = RingReader(inboxes), RingWriter(reports)
+    one_stage.dropped = 0
+    yield Loop(one_stage, RingWriter(inboxes), RingReader(reports))
+    one_stage._inboxes, one_stage._reports = before
+    one_stage.dropped = 0
+    os.close(inboxes)
+    os.close(reports)
 
 
 def report(cycle: int, reason: str = "") -> Report:
@@ -111,15 +152,12 @@ def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
     assert f"{lost} messages to or from ROS did not get through: its process did not keep up" in caplog.text
 
 
-def test_a_reason_of_any_length_is_published(stage: RemoteStage) -> None:
-    stage.publish(report(1, "\u00e4" * 100_000))
-    assert stage.dropped == 0
+def test_a_reason_of_any_length_is_published(loop: Loop) -> None:
+    loop.stage.publish(report(1, "\u00e4" * 100_000))
+    assert loop.stage.dropped == 0
 
 
-def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Robot) -> None:
-    memory = open_ring(slots_for(6000))
-    stage._reports, process = RingWriter(memory), RingReader(memory)
-    os.close(memory)
+def test_the_longest_report_there_is_gets_through(loop: Loop, robot: Robot) -> None:
     character, number = "\U0001f916", 2**63 - 1  # of four bytes, and of nine
     longest = Report(
         number,
@@ -140,77 +178,63 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
         ),
         refused_trajectory=TrajectoryStatus(number, TrajectoryState.REFUSED, "x" * LONGEST_REASON, 0, 0, 0, 2**32 - 1),
     )
-    stage.publish(longest)
-    taken = process.take_message()
+    loop.stage.publish(longest)
+    taken = loop.sent.take_message()
 
-    assert stage.dropped == 0
+    assert loop.stage.dropped == 0
     assert taken is not None
     assert decode_report(taken[1]) == replace(longest, reason=character * 900)
 
 
 @pytest.mark.parametrize("count", [0, 1, 50, 51, MOST_POINTS + 1])
 def test_a_trajectory_reaches_the_loop_whole_however_many_parts_it_has(
-    stage: RemoteStage, count: int, monkeypatch: pytest.MonkeyPatch
+    loop: Loop, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    memory = open_ring(INBOX_SLOTS)
-    process, stage._inboxes = RingWriter(memory), RingReader(memory)
+    stage = loop.stage
     points = tuple(TimedSetpoint(2**40 + n, Setpoint(0.1 * n, -0.3)) for n in range(count))
     inbox, found = Inbox(), Inbox()
     inbox.trajectories.append(Trajectory(2**60, points))
     # Where the ring is full the process waits, and the loop goes on: a cycle takes what fits.
     monkeypatch.setattr("time.sleep", lambda _: found.trajectories.extend(stage.take_inbox().trajectories))
-    Subscriptions(process, 10_000_000).hand_over(inbox)
-    os.close(memory)
+    Subscriptions(loop.process, 10_000_000).hand_over(inbox)
     found.trajectories.extend(stage.take_inbox().trajectories)
     assert found.trajectories == inbox.trajectories
     assert stage.dropped == 0
 
 
-def test_of_a_trajectory_whose_parts_end_early_nothing_is_followed(stage: RemoteStage) -> None:
-    memory = open_ring(INBOX_SLOTS)
-    process, stage._inboxes = RingWriter(memory), RingReader(memory)
-    os.close(memory)
+def test_of_a_trajectory_whose_parts_end_early_nothing_is_followed(loop: Loop) -> None:
+    stage = loop.stage
     whole = TrajectoryPart(2, (TimedSetpoint(0, Setpoint(0.0, 0.0)),), begin=0, total=1)
     for part in (TrajectoryPart(1, whole.points, begin=0, total=2), whole):
-        assert process.put(ToLoop.TRAJECTORY, encoder.encode(part))
+        assert loop.process.put(ToLoop.TRAJECTORY, encoder.encode(part))
     assert stage.take_inbox().trajectories == [Trajectory(2, tuple(whole.points))]
 
 
 @pytest.mark.parametrize("begins", [(0, 2), (1, 2)])
-def test_a_trajectory_that_lacks_a_part_is_discarded_and_counted(stage: RemoteStage, begins: tuple[int, ...]) -> None:
-    memory = open_ring(INBOX_SLOTS)
-    process, stage._inboxes = RingWriter(memory), RingReader(memory)
-    os.close(memory)
+def test_a_trajectory_that_lacks_a_part_is_discarded_and_counted(loop: Loop, begins: tuple[int, ...]) -> None:
+    stage = loop.stage
     for begin in begins:
         part = TrajectoryPart(1, (TimedSetpoint(begin, Setpoint(0.0, 0.0)),), begin, total=3)
-        assert process.put(ToLoop.TRAJECTORY, encoder.encode(part))
+        assert loop.process.put(ToLoop.TRAJECTORY, encoder.encode(part))
     assert stage.take_inbox().trajectories == []
     assert stage.dropped
-    stage.dropped = 0
 
 
-def test_the_process_reports_whether_there_are_subscribers(stage: RemoteStage) -> None:
-    memory = open_ring(INBOX_SLOTS)
-    process, stage._inboxes = RingWriter(memory), RingReader(memory)
-    os.close(memory)
+def test_the_process_reports_whether_there_are_subscribers(loop: Loop) -> None:
+    stage = loop.stage
     for is_heard in (False, True, False):
-        assert process.put(ToLoop.SUBSCRIBED, encoder.encode(is_heard))
+        assert loop.process.put(ToLoop.SUBSCRIBED, encoder.encode(is_heard))
         assert stage.take_inbox() == Inbox()
         assert stage.wants_reports is is_heard
     assert stage.dropped == 0
 
 
 @pytest.mark.parametrize("kind", [1, 2, 3, 4, 99])
-def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage, kind: int) -> None:
-    memory = open_ring(INBOX_SLOTS)
-    process = RingWriter(memory)
-    stage._inboxes = RingReader(memory)
-    os.close(memory)
+def test_what_makes_no_sense_is_passed_over_and_counted(loop: Loop, kind: int) -> None:
     for body in (b"", b"\xc1", b"\x93\x01\x02\x03"):
-        assert process.put(kind, body)
-    assert stage.take_inbox() == Inbox()
-    assert stage.dropped == 3
-    stage.dropped = 0
+        assert loop.process.put(kind, body)
+    assert loop.stage.take_inbox() == Inbox()
+    assert loop.stage.dropped == 3
 
 
 def test_a_process_that_is_killed_is_replaced_and_the_loop_goes_on_with_new_rings(
@@ -261,15 +285,12 @@ def test_a_replacement_that_hangs_at_its_start_is_killed(bridge: RosBridge, monk
     first.stdin.close()
 
 
-def test_a_replacement_is_in_the_diagnostics_once(stage: RemoteStage, bridge: RosBridge) -> None:
-    memory = open_ring(INBOX_SLOTS)
-    stage._reports, process = RingWriter(memory), RingReader(memory)
-    os.close(memory)
-    bridge.ended = 2
+def test_a_replacement_is_in_the_diagnostics_once(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop.stage._bridge, "ended", 2)
     texts = []
     for _ in range(2):
-        stage.publish_diagnostics(0, ())
-        (_, body), _ = process.take_messages()
+        loop.stage.publish_diagnostics(0, ())
+        (_, body), _ = loop.sent.take_messages()
         texts.append((decode_status(body).level, decode_status(body).message, decode_status(body).values["replaced"]))
     assert texts == [
         (Level.WARN, "its process has ended and was replaced 2 times since the last report", "2"),
@@ -343,18 +364,14 @@ def test_a_process_without_settings_ends(bridge: RosBridge) -> None:
     assert bridge.close() == 0
 
 
-def test_of_writes_one_is_handed_over_in_a_cycle_and_answered_with_its_number(stage: RemoteStage) -> None:
-    memory, answers = open_ring(INBOX_SLOTS), open_ring(slots_for(6000))
-    process, loop = RingWriter(memory), RingReader(answers)
-    stage._inboxes, stage._reports = RingReader(memory), RingWriter(answers)
-    os.close(memory)
-    os.close(answers)
+def test_of_writes_one_is_handed_over_in_a_cycle_and_answered_with_its_number(loop: Loop) -> None:
+    stage = loop.stage
     for number, value in ((1, 0.4), (2, 0.5)):
-        assert process.put(ToLoop.WRITE, encoder.encode(WriteRequest(number, (("Track", value),))))
-    assert process.put(ToLoop.SUBSCRIBED, encoder.encode(False))  # noqa: FBT003 - the body of the message
+        assert loop.process.put(ToLoop.WRITE, encoder.encode(WriteRequest(number, (("Track", value),))))
+    assert loop.process.put(ToLoop.SUBSCRIBED, encoder.encode(False))  # noqa: FBT003 - the body of the message
     cycles = [stage.take_inbox().writes for _ in range(3)]
     assert [[write.values for write in writes] for writes in cycles] == [[(("Track", 0.4),)], [(("Track", 0.5),)], []]
     cycles[1][0].answer("too wide")
     cycles[0][0].answer("")
-    assert [decode_write_result(body) for _, body in loop.take_messages()] == [(2, "too wide"), (1, None)]
+    assert [decode_write_result(body) for _, body in loop.sent.take_messages()] == [(2, "too wide"), (1, None)]
     assert stage._values["Track"] == 0.4, "what a process that takes this one's place begins with"
