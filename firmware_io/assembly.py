@@ -13,6 +13,7 @@ from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link, NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.sender_rate import SenderRate
 from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching
 
 _EVENTS_KEPT: Final = 16
@@ -57,6 +58,13 @@ class Assembly:
                     other = self._listeners[key].name
                     raise ValueError(f"{other} and {device.name} both listen to frame 0x{key.arbitration_id:X}")
                 self._listeners[key] = device
+        self._rates = {
+            (key.arbitration_id, key.is_extended): SenderRate(round(period_s * 1e9))
+            for device in self._devices
+            for key, period_s in device.periods_s.items()
+        }
+        self._now_ns = now_ns
+        self._judged_ns: int | None = None
         self.commands: Mapping[str, str] = {k: v for d in drives for k, v in d.commands.items()}
         self.limits: Sequence[float] = tuple(limit for d in drives for limit in d.limits)
         ends = list(itertools.accumulate(len(drive.commands) for drive in drives))
@@ -82,11 +90,17 @@ class Assembly:
     def exchange(self, commands: Sequence[float] | None) -> Sensors:
         """Hand out what has arrived, send the commands, return the newest snapshot; see `Hardware.exchange`."""
         for frame in self._link.receive():
-            device = self._listeners.get((frame.arbitration_id, frame.is_extended))
+            key = (frame.arbitration_id, frame.is_extended)
+            device = self._listeners.get(key)
             if device is None:
                 self._gate.strangers.take_frame(frame)
-            elif device.take_frame(frame) and self.switching is not None:
+                continue
+            rate = self._rates.get(key)
+            if rate is not None:
+                rate.take_frame(frame)
+            if device.take_frame(frame) and self.switching is not None:
                 self._received_ns[device.name] = frame.received_ns
+        self._look_for_other_senders()
         if self.switching is not None:
             self._switch(self.switching)
         if commands is not None:
@@ -136,6 +150,17 @@ class Assembly:
         if self.switching is not None:
             health |= self.switching.health
         return {**health, **self._gate.health}
+
+    def _look_for_other_senders(self) -> None:
+        """Note what brought more than its device sends; a serial line has one sender, with a rate of its own."""
+        now_ns, judged_ns = self._now_ns(), self._judged_ns
+        is_serial = self.switching is not None and self.switching.link.is_on_fallback
+        self._judged_ns = None if is_serial else now_ns
+        for key, rate in self._rates.items():
+            if judged_ns is None or is_serial:
+                rate.begin()
+            elif rate.finds_another(now_ns - judged_ns):
+                self._gate.strangers.note_another_sender(FrameKey._make(key), rate.period_ns)
 
     def _switch(self, switching: Switching) -> None:
         # Which drives answer on the standby line; sensors that are only on that line are read there too.

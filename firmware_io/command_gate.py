@@ -29,7 +29,7 @@ class CommandGate:
 
     Attributes:
         faults: Why commands do not pass; empty while they do.
-        strangers: Frames of others that command our drives.
+        strangers: Frames of others under our identifiers.
     """
 
     def __init__(self, drives: Sequence[Drive], owner: Ownership | None, stale_ns: int | None, now_ns: NowNs) -> None:
@@ -103,8 +103,7 @@ class CommandGate:
 
     def arming_failures(self) -> Iterator[str]:
         """Why the robot may not be armed, each with the remedy."""
-        if self.strangers.is_recent:
-            yield "another controller commanded this robot's drives within the last second; find it and stop it"
+        yield from self.strangers.arming_failures()
         owner = self._owner
         if owner is None:
             return
@@ -115,8 +114,8 @@ class CommandGate:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """Commands of others, and whether a guard watches."""
-        health = {"strange_commands": str(self.strangers.total)}
+        """Commands of others, telemetry that is not the devices' alone, and whether a guard watches."""
+        health = {"strange_commands": str(self.strangers.total), "doubled_telemetry": str(self.strangers.doubled)}
         if self._owner is not None:
             health["guard"] = "watches" if self._owner.has_guard else "lost" if self._lost_guard else "none"
         return health

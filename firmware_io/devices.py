@@ -56,11 +56,13 @@ class Sensor(Diagnosed, Protocol):
     Attributes:
         signals: Names of the values it measures, such as `left.velocity`, with their units.
         listens_to: The frames it wants to be handed.
+        periods_s: Of those, which come at a steady rate, and how long after one another, s: none of them any sooner.
     """
 
     name: str
     signals: Mapping[str, str]
     listens_to: Collection[FrameKey]
+    periods_s: Mapping[FrameKey, float]
 
     def start(self) -> None:
         """Send what the device must receive once the link is open."""

@@ -53,6 +53,7 @@ class Wheel:
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self.limits: Sequence[float] = (2.0,)
         self.listens_to: Collection[FrameKey] = (FrameKey(identifier),)
+        self.periods_s: Mapping[FrameKey, float] = {}
         self.commanded_by: Collection[FrameKey] = (FrameKey(identifier + 0x10),)
         self.is_enabled = False
         self.is_off = True
@@ -222,6 +223,7 @@ def test_health_names_the_link_and_each_device(bench: Bench) -> None:
         "left.taken": "0",
         "right.taken": "0",
         "strange_commands": "0",
+        "doubled_telemetry": "0",
     }
 
 
@@ -353,3 +355,55 @@ def test_on_a_line_in_standby_a_drive_may_pass_commands_on_to_another(pair: Benc
     pair.line.arrived.append(Frame(0x130, b"", pair.now_ns))
 
     assert pair.assembly.exchange((1.0, 2.0)).faults == ()
+
+
+def send_telemetry(bench: Bench, wire: Wire, cycles: int, *, doubled: bool = False) -> list[tuple[str, ...]]:
+    """The faults of exchanges 5 ms apart, with a frame of the left wheel in each, or two."""
+    faults = []
+    for _ in range(cycles):
+        bench.now_ns += 5 * MS
+        wire.arrived += [
+            Frame(0x120, mark + bench.now_ns.to_bytes(8, "big"), bench.now_ns - before)
+            for mark, before in ((b"", 2 * MS), (b"x", 0))[: 1 + doubled]
+        ]
+        faults.append(bench.assembly.exchange((0.0, 0.0)).faults)
+    return faults
+
+
+def with_rate(*, redundant: bool = False) -> Bench:
+    bench = Bench(redundant=redundant)
+    link = RedundantLink(bench.bus, bench.line, bench.now) if redundant else bench.bus
+    bench.left.periods_s = {FrameKey(0x120): 0.005}
+    bench.assembly = Assembly(link, [bench.left, bench.right], now_ns=bench.now)
+    return bench
+
+
+def test_second_sender_of_telemetry_is_a_fault_in_the_second_cycle_and_refuses_arming() -> None:
+    bench = with_rate()
+    send_telemetry(bench, bench.bus, 100)
+    bench.arm()
+    assert send_telemetry(bench, bench.bus, 100)[-1] == ()
+    first, second = send_telemetry(bench, bench.bus, 2, doubled=True)
+    assert first == ()
+    assert second[0].startswith("more telemetry than the device sends, 0x120 (every 5 ms): ")
+    assert bench.assembly.health["doubled_telemetry"] == "1"
+    bench.assembly.disarm()
+    with pytest.raises(ArmingRefusedError, match="within the last second, more telemetry than the device sends, 0x120"):
+        bench.assembly.arm()
+    send_telemetry(bench, bench.bus, 200)
+    bench.arm()
+
+
+def test_what_queued_before_the_first_exchange_is_nobody_elses() -> None:
+    bench = with_rate()
+    bench.bus.arrived = [Frame(0x120, bytes([n]), n * 5 * MS) for n in range(200)]
+    send_telemetry(bench, bench.bus, 5)
+    assert bench.assembly.health["doubled_telemetry"] == "0"
+
+
+def test_a_serial_line_has_one_sender_at_a_rate_of_its_own() -> None:
+    bench = with_rate(redundant=True)
+    assert bench.assembly.switching is not None
+    bench.assembly.switching.link.pass_over()
+    send_telemetry(bench, bench.line, 20, doubled=True)
+    assert bench.assembly.health["doubled_telemetry"] == "0"

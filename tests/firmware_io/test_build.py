@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """The ways to a robot's drives, made of its settings."""
 
+import msgspec
 import pytest
 
 from segway_ecc.firmware_io.build import (
     HardwareSettings,
+    build_hardware,
     can_link,
     make_link,
     serial_codec,
@@ -13,9 +15,13 @@ from segway_ecc.firmware_io.build import (
     with_port,
 )
 from segway_ecc.firmware_io.clock import RealClock
+from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
@@ -98,3 +104,55 @@ def test_drives_without_a_serial_line_are_refused() -> None:
         with_port(CIA402, "/dev/other")
     with pytest.raises(ValueError, match=r"^CiA 402 drives have no serial line$"):
         serial_codec(CIA402)
+
+
+ODRIVE = OdriveSettings(
+    can=CAN,
+    left=OdriveWheelSettings(node_id=5, max_torque=1.0),
+    right=OdriveWheelSettings(node_id=6, max_torque=1.0),
+    encoder_period_s=0.002,
+    external_imu=XsensMtiSettings(period_s=0.01),
+)
+MS = 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("settings", "key", "period_ms"),
+    [
+        (BOARD, FrameKey(0x120), 5),
+        (WheelBoardSettings(can=CAN, imu=True), FrameKey(0x123), 5),
+        (ODRIVE, FrameKey(0xA9), 2),
+        (ODRIVE, FrameKey(0x34), 10),
+        (msgspec.structs.replace(VESC, serial=None, status_rate_hz=100.0), FrameKey(0x1B02, is_extended=True), 10),
+        (CIA402, FrameKey(0x182), 20),
+        (CIA402, FrameKey(0x281), 20),
+    ],
+)
+def test_telemetry_of_every_family_has_one_sender_at_the_rate_that_is_fixed_or_set(
+    settings: HardwareSettings, key: FrameKey, period_ms: int
+) -> None:
+    now_ns = 0
+
+    class Clock(RealClock):
+        @staticmethod
+        def now_ns() -> int:
+            return now_ns
+
+    bus = SimulatedBus(250_000, lambda: now_ns)
+    hardware = build_hardware(settings, 0.02, Clock(), bus.attach("node"))
+    device = bus.attach("device")
+    found = []
+    for senders in (1, 2):
+        for ms in range(500 * senders, 500 * senders + 500):
+            now_ns = ms * MS
+            for sender in range(senders):
+                if ms % period_ms == sender:
+                    device.send(Frame(key.arbitration_id, ms.to_bytes(8, "big"), is_extended=key.is_extended))
+            bus.deliver()
+            if ms % 20 == 0:
+                hardware.exchange(None)
+        found.append(
+            [r for r in hardware.arming_failures() if f"more telemetry than the device sends, 0x{key[0]:X}" in r]
+        )
+    assert found[0] == []
+    assert f"0x{key.arbitration_id:X} (every {period_ms} ms)" in found[1][0]

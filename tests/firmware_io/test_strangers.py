@@ -54,3 +54,30 @@ def test_they_are_recent_for_a_second() -> None:
     now.ns += 1
 
     assert not strangers.is_recent
+
+
+def test_telemetry_that_is_not_the_devices_alone_is_named_with_its_rate_and_the_remedy() -> None:
+    now = Now()
+    strangers = Strangers([], now)
+    strangers.note_another_sender(FrameKey(0x121), 5 * MS)
+    strangers.note_another_sender(FrameKey(0x120), 5 * MS)
+    assert strangers.is_recent
+    found = strangers.report()
+    assert found.startswith(
+        "more telemetry than the device sends, 0x120 (every 5 ms), 0x121 (every 5 ms): somebody else"
+    )
+    assert "find it and stop it" in found
+    assert list(strangers.arming_failures()) == [f"within the last second, {found}"]
+    now.ns += 1_000 * MS
+
+    assert (strangers.report(), strangers.is_recent, list(strangers.arming_failures())) == ("", False, [])
+    assert (strangers.total, strangers.doubled) == (0, 2)
+
+
+def test_commands_and_telemetry_are_named_together() -> None:
+    strangers = Strangers([FrameKey(0x110)], Now())
+    strangers.take_frame(Frame(0x110, b""))
+    strangers.note_another_sender(FrameKey(0x120), 5 * MS)
+
+    assert "0x110 (1)" in strangers.report().split("; more telemetry")[0]
+    assert [reason.partition(" ")[0] for reason in strangers.arming_failures()] == ["another", "within"]

@@ -67,6 +67,11 @@ class Cia402Pair(PhasedDrive):
         )
         self._listeners = {identifier: wheel for wheel in self._wheels for identifier in wheel.listens_to}
         self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, self._listeners))
+        self.periods_s: Mapping[FrameKey, float] = {
+            FrameKey(service + wheel.node_id): loop_period_s
+            for wheel in self._wheels
+            for service in (Service.TPDO1, Service.TPDO2)
+        }
         ours = [int(Service.NMT), int(Service.SYNC), Service.HEARTBEAT + settings.host_node_id]
         for wheel in (settings.left, settings.right):
             ours += [Service.RPDO1 + wheel.node_id, Service.SDO_REQUEST + wheel.node_id]

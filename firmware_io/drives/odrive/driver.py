@@ -12,6 +12,7 @@ from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDING,
     COMMANDS,
+    ESTIMATES,
     HEARTBEAT,
     VERSION,
     Firmware,
@@ -60,6 +61,9 @@ class Odrive(PhasedDrive):
         self._axis = AxisListener(name, settings, loop_period_s, now_ns)
         self.signals: Mapping[str, str] = self._axis.signals
         self.listens_to = self._axis.listens_to
+        self.periods_s: Mapping[FrameKey, float] = {
+            FrameKey(arbitration_id(self._wheel.node_id, ESTIMATES)): settings.encoder_period_s
+        }
         self.commanded_by: Collection[FrameKey] = frozenset(
             FrameKey(arbitration_id(self._wheel.node_id, command)) for command in COMMANDING
         )

@@ -88,6 +88,9 @@ class Vesc(PhasedDrive):
         self.listens_to: Collection[FrameKey] = frozenset(
             FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, self._answers_id)
         )
+        self.periods_s: Mapping[FrameKey, float] = {
+            FrameKey(identifier, is_extended=True): 1.0 / settings.status_rate_hz for identifier in self._kinds
+        }
         self.commanded_by: Collection[FrameKey] = frozenset(
             FrameKey(arbitration_id(packet, to), is_extended=True)
             for packet in COMMANDING

@@ -78,6 +78,7 @@ class XsensMti:
         keys = {message: settings.key(message) for message in LAYOUTS}
         self._messages: dict[tuple[int, bool], Message] = {key: message for message, key in keys.items()}
         self.listens_to: Collection[FrameKey] = frozenset(keys.values())
+        self.periods_s: Mapping[FrameKey, float] = {keys[message]: settings.period_s for message in _NEEDED}
         self._link = link
         self._mounting = settings.rotation
         self._tick_s = settings.sample_time_tick_s
