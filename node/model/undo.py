@@ -29,6 +29,10 @@ def keep_state(model: Model) -> Callable[[], None]:
     Raises:
         Exception: The state cannot be kept; the text names what of it. A model's own `save_state` may raise anything.
     """
+    keep = getattr(model, "keep_in_process", None)  # of an FMU
+    if keep is not None:
+        put_back: Callable[[], None] = keep()
+        return put_back
     save = getattr(model, "save_state", None)
     if save is not None:
         return partial(model.restore_state, save())  # type: ignore[attr-defined]  # who gives it takes it

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.undo import keep_state
 from segway_ecc.node.watchdog.page import Call, CallPage
 
 
@@ -109,6 +110,23 @@ class WatchedStatefulModel(WatchedModel):
             return state
         finally:
             self._page.leave()
+
+    def keep_in_process(self) -> Callable[[], None]:
+        """See `segway_ecc.node.model.undo.keep_state`."""
+        self._enter(Call.SAVE)
+        try:
+            inner = keep_state(self.watched_model)
+        finally:
+            self._page.leave()
+
+        def put_back() -> None:
+            self._enter(Call.RESTORE)
+            try:
+                inner()
+            finally:
+                self._page.leave()
+
+        return put_back
 
     def restore_state(self, data: bytes) -> None:
         """Go on from what `save_state` gave."""

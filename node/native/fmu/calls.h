@@ -43,6 +43,7 @@ typedef struct {
     double step;               /* s */
     double stop;               /* s; not finite where no end is to be given */
     int32_t version;           /* 2 or 3 */
+    int32_t keeps_state;       /* it gives and takes its state (canGetAndSetFMUstate) */
     Group groups[KINDS];
     const int32_t *followers; /* for each parameter the state that starts from it, or -1 where the FMU sees to it */
 } Plan;
@@ -74,6 +75,9 @@ typedef struct {
     int (*exit_initialization)(void *);
     int (*terminate)(void *);
     void (*release)(void *);
+    int (*get_state)(void *, void **); /* these three NULL where the FMU does not keep its state */
+    int (*set_state)(void *, void *);
+    int (*free_state)(void *, void **);
     void (*restart[SECTIONS])(void *);
     char *starting;
     void (*run_static)(void *);
@@ -199,6 +203,15 @@ static void resolve3(void) {
     TAKE(release, "fmi3FreeInstance");
 }
 
+static void resolve_state(void) {
+    int is2 = plan->version == 2;
+    if (plan->keeps_state) {
+        TAKE(get_state, is2 ? "fmi2GetFMUstate" : "fmi3GetFMUState");
+        TAKE(set_state, is2 ? "fmi2SetFMUstate" : "fmi3SetFMUState");
+        TAKE(free_state, is2 ? "fmi2FreeFMUstate" : "fmi3FreeFMUState");
+    }
+}
+
 static void *own_symbol(const char *name) {
     return name != NULL ? dlsym(handle, name) : NULL;
 }
@@ -219,6 +232,7 @@ static int open_library(void) {
     } else {
         resolve3();
     }
+    resolve_state();
     if (missing != NULL) {
         return fail("its library lacks the function %s", missing);
     }

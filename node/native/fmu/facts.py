@@ -142,6 +142,7 @@ class Facts:
         variables: All its variables, in the file's order.
         states: Names of the states that its structure shows.
         variable_steps: It can take steps of any length.
+        keeps_state: It can give its state, and take it back, in memory.
     """
 
     version: int
@@ -154,6 +155,7 @@ class Facts:
     variables: tuple[FmuVariable, ...]
     states: tuple[str, ...]
     variable_steps: bool
+    keeps_state: bool
 
 
 def read_facts(folder: Path, path: Path) -> Facts:
@@ -189,6 +191,7 @@ def read_facts(folder: Path, path: Path) -> Facts:
         variables=variables,
         states=tuple(_states(root, variables)),
         variable_steps=flag(interface, "canHandleVariableCommunicationStepSize"),
+        keeps_state=flag(interface, "canGetAndSetFMUstate" if version == 2 else "canGetAndSetFMUState"),  # noqa: PLR2004 - as above
     )
 
 

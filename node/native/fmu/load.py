@@ -11,7 +11,7 @@ import tempfile
 import weakref
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -98,6 +98,7 @@ class _FmuPlan(ctypes.Structure):
         ("step", ctypes.c_double),
         ("stop", ctypes.c_double),
         ("version", ctypes.c_int32),
+        ("keeps_state", ctypes.c_int32),
         ("groups", _Group * len(Kind)),
         ("followers", ctypes.POINTER(ctypes.c_int32)),
     )
@@ -131,7 +132,24 @@ class FmuModel(NativeModel):
         elif resources.is_dir():
             plan.resources = f"{resources}/".encode()
         self._library.ecc_fmu_open.argtypes = (ctypes.POINTER(_FmuPlan),)
+        self._plan = plan
         self._check(self._library.ecc_fmu_open(ctypes.byref(plan)), "load")
+
+    def keep_in_process(self) -> Callable[[], None]:
+        """Keep what it is now, in this process alone; what it returns puts that back. A ModelError where it cannot."""
+        place, stopped = self._library.ecc_keep(), self.stopped
+        self._check(place, "give its state")
+        groups = [self._plan.groups[kind] for kind in (Kind.PARAMETER, Kind.STATE)]
+        sizes = [(group.starts, 8 * group.count) for group in groups] + [(g.written, g.count) for g in groups]
+        held = [(memory, ctypes.string_at(memory, size)) for memory, size in sizes]
+
+        def put_back() -> None:
+            for memory, content in held:
+                ctypes.memmove(memory, content, len(content))
+            self._check(self._library.ecc_put_back(place), "take its state back")
+            self.stopped = stopped
+
+        return put_back
 
 
 def _release(library: ctypes.CDLL, place: Path, _plan: _FmuPlan, process: int) -> None:
@@ -168,6 +186,7 @@ def _plan(layout: FmuLayout, facts: Facts, twenty_sim: TwentySim | None) -> _Fmu
         step=layout.description.step_size,
         stop=math.inf if twenty_sim is None else _FOREVER,
         version=facts.version,
+        keeps_state=facts.keeps_state,
         followers=(ctypes.c_int32 * len(layout.followers))(*layout.followers),
     )
     if twenty_sim is not None:

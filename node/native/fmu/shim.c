@@ -25,7 +25,22 @@ static int settle(int status, const char *what) {
 
 /* The life of an instance. */
 
+/* What a write that fails, or is tried, goes back to; of a few the oldest gives way. They live as long as the instance. */
+enum { KEPT = 4 };
+static struct {
+    void *state;
+    double now;
+    int phase;
+} kept[KEPT];
+static int newest;
+
 static void release(void) {
+    for (int i = 0; i < KEPT; i++) {
+        if (kept[i].state != NULL && instance != NULL && phase != FATAL) {
+            fmu.free_state(instance, &kept[i].state);
+        }
+        kept[i].state = NULL;
+    }
     if (instance != NULL && phase != FATAL) {
         if (phase == RUNNING) {
             fmu.terminate(instance);
@@ -265,6 +280,42 @@ static int write_value(int32_t kind, int32_t index, double value) {
     return settle(set_values(&group->references[index], 1, &value), "it refuses the value");
 }
 
+static int keep(void) {
+    if (!plan->keeps_state) {
+        return fail("this FMU neither gives nor takes its state (canGetAndSetFMUstate)");
+    }
+    newest = (newest + 1) % KEPT;
+    kept[newest].now = now;
+    kept[newest].phase = phase;
+    if (phase == RUNNING) {
+        int status = fmu.get_state(instance, &kept[newest].state);
+        if (status != STATUS_OK && status != STATUS_WARNING) {
+            return fail_saying("it does not give its state");
+        }
+    }
+    return newest;
+}
+
+/* Also from an error, which the standard allows with a state of before it (FMI 2.0.4, 2.1.3, fmi2Error). */
+static int put_back(int32_t place) {
+    if (phase == FATAL) {
+        return fail("the FMU failed for good");
+    }
+    if (kept[place].phase == RUNNING) {
+        if (kept[place].state == NULL) {
+            return fail("it was initialized since");
+        }
+        if (settle(fmu.set_state(instance, kept[place].state), "it does not take its state back") < 0) {
+            return -1;
+        }
+        *fmu.time = kept[place].now;
+    }
+    now = kept[place].now;
+    phase = kept[place].phase;
+    said[0] = '\0';
+    return 0;
+}
+
 /* The interface: a call in which the FMU would end the process fails, and so do all later ones. */
 
 #define CALL(expression)                                \
@@ -316,6 +367,14 @@ double ecc_read(int32_t kind, int32_t index) {
 
 int32_t ecc_write(int32_t kind, int32_t index, double value) {
     CALL(write_value(kind, index, value));
+}
+
+int32_t ecc_keep(void) {
+    CALL(keep());
+}
+
+int32_t ecc_put_back(int32_t place) {
+    CALL(put_back(place));
 }
 
 const char *ecc_error(void) {

@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: MIT
 """Writes from outside into machine code: tried, and applied whole or not at all; see `VariableWriter`."""
 
+import mmap
+import os
+from pathlib import Path
+
 import pytest
 
 from segway_ecc.node.model.declared import declared_variables
 from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.native.library import NativeModel
+from segway_ecc.node.watchdog.page import CallPage
+from segway_ecc.node.watchdog.watched_model import watched
+from tests.fixtures.tiny_fmu import make as tiny
 from tests.fixtures.twenty_sim import models
 from tests.fixtures.twenty_sim.maker import Maker
 
@@ -49,3 +56,44 @@ def test_an_fmu_takes_no_write_while_armed_and_any_other_while_not(make: Maker) 
     assert refusal.startswith("a write that failed could not be taken back, so disarm the robot first: ModelError: ")
     assert writer.write([(name, 30.0)], [0.0]) == ""
     assert model.read(name) == 30.0
+
+
+GAIN, SCALE, INPUT = "Controller.gain", "Plant.scale factor", [0.5]
+
+
+def keeping(folder: Path, shape: tiny.Shape) -> NativeModel:
+    """An FMU that gives and takes its state, some steps after its start."""
+    capability = "canGetAndSetFMUState" if shape is tiny.Shape.FMI3 else "canGetAndSetFMUstate"
+    interface = f'<CoSimulation modelIdentifier="tiny" {capability}="true"/>'
+    changes = {"modelDescription.xml": tiny.description(shape, interface=interface)}
+    model = load_model(str(tiny.packed(folder, shape, changes)))
+    assert isinstance(model, NativeModel)
+    model.initialize(INPUT)
+    for _ in range(7):
+        model.step(INPUT)
+    return model
+
+
+@pytest.mark.parametrize("shape", [tiny.Shape.OTHER, tiny.Shape.FMI3])
+def test_an_fmu_that_keeps_its_state_takes_a_tunable_parameter_while_armed(tmp_path: Path, shape: tiny.Shape) -> None:
+    model, other, untouched = (keeping(tmp_path, shape) for _ in range(3))
+    writer = VariableWriter(model, declared_variables(model, {}, [GAIN]))
+    assert "not tunable while the robot is armed" in writer.write([(SCALE, 2.0)], INPUT, is_armed=True)
+    assert "would be" in writer.write([(GAIN, 1e308)], [1e308], is_armed=True)
+    assert model.read(GAIN) == untouched.read(GAIN)
+    assert writer.write([(GAIN, 3.0)], INPUT, is_armed=True) == ""
+    other.write(GAIN, 3.0)
+    assert [model.step(INPUT) for _ in range(5)] == [other.step(INPUT) for _ in range(5)]
+    assert model.initialize(INPUT) == other.initialize(INPUT)
+
+
+@pytest.mark.parametrize("shape", [tiny.Shape.OTHER, tiny.Shape.FMI3])
+def test_a_refused_write_leaves_an_fmu_as_it_was(tmp_path: Path, shape: tiny.Shape) -> None:
+    model, untouched = keeping(tmp_path, shape), keeping(tmp_path, shape)
+    memory = os.memfd_create("calls")
+    os.ftruncate(memory, mmap.PAGESIZE)
+    writer = VariableWriter(watched(model, CallPage(memory, len(INPUT))), declared_variables(model, {}, [GAIN]))
+    os.close(memory)
+    assert "would be" in writer.write([(GAIN, 1e308)], [1e308], is_armed=True)
+    assert [model.step(INPUT) for _ in range(5)] == [untouched.step(INPUT) for _ in range(5)]
+    assert model.initialize(INPUT) == untouched.initialize(INPUT)
