@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.recording.salvage import Salvage
+from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("firmware_io", "node", "deploy", "hil")
@@ -50,7 +51,7 @@ def ran(folder: Path) -> list[str]:
 
 
 def run_in(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=100.0, check=False)
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 def test_run_and_its_recorder_leave_the_current_folder_alone(folder: Path, program: list[str], tmp_path: Path) -> None:
@@ -94,7 +95,7 @@ def test_a_plant_leaves_the_current_folder_alone(folder: Path, program: list[str
         assert plant.stderr is not None
         first = plant.stderr.readline()
         plant.send_signal(signal.SIGTERM)
-        errors = plant.communicate(timeout=30.0)[1]
+        errors = plant.communicate(timeout=PATIENCE_S)[1]
 
     assert (plant.returncode, ran(folder)) == (0, []), first + errors
 

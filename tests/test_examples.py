@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.patience import PATIENCE_S
+
 Run = Callable[..., Any]
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -57,7 +59,7 @@ def test_the_robot_drives_its_plant(tmp_path: Path) -> None:
             assert plant.stderr is not None
             plant.stderr.readline()
             words = [*command, "run", ROBOT, *bus, "--no-ros", "--no-log", "--sequence", str(sequence)]
-            done = subprocess.run(words, capture_output=True, text=True, timeout=60.0, check=False)
+            done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         finally:
             plant.terminate()
     names, *rows = [line.split(",") for line in truth.read_text("utf-8").splitlines()]
@@ -88,7 +90,9 @@ def test_the_ros_client_drives_a_robot(ros_environment: dict[str, str]) -> None:
     with subprocess.Popen(words, env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as robot:
         try:
             client = [sys.executable, str(EXAMPLES / "ros_client" / "drive.py")]
-            done = subprocess.run(client, env=environment, capture_output=True, text=True, timeout=60.0, check=False)
+            done = subprocess.run(
+                client, env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+            )
         finally:
             robot.terminate()
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-PATIENCE_S = 30.0
+from tests.patience import PATIENCE_S
+
 PARENT = """
 import sys, time
 from pathlib import Path

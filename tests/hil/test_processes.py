@@ -11,9 +11,9 @@ import pytest
 from segway_ecc.hil import processes
 from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.node.config import packaged_robots
+from tests.patience import PATIENCE_S
 
 RUNS_FOR_EVER = ("run", "cart", "--no-ros", "--no-log", "--json")
-ENDS_WITHIN_S = 30.0
 
 
 def is_gone(pid: int) -> bool:
@@ -26,7 +26,7 @@ def is_gone(pid: int) -> bool:
 
 def test_what_a_command_prints_is_its_result(tmp_path: Path) -> None:
     with command([*RUNS_FOR_EVER, "--duration", "0.05"], tmp_path / "messages.txt") as started:
-        result = started.result(ENDS_WITHIN_S)
+        result = started.result(PATIENCE_S)
 
     assert result["cycles"] == 5
     assert "segway-ecc: ARMED: asked to arm" in (tmp_path / "messages.txt").read_text().splitlines()
@@ -37,7 +37,7 @@ def test_a_command_that_fails_is_reported_in_one_line_with_its_messages(tmp_path
         command(["run", "no such robot"], tmp_path / "messages.txt") as started,
         pytest.raises(ProcessFailedError) as caught,
     ):
-        started.result(ENDS_WITHIN_S)
+        started.result(PATIENCE_S)
 
     assert str(caught.value) == (
         "'segway-ecc run no such robot' ended with exit code 2: segway-ecc: cannot read robot file 'no such robot': "
@@ -60,7 +60,7 @@ def test_a_command_that_is_killed_is_reported(tmp_path: Path) -> None:
     with command(RUNS_FOR_EVER, tmp_path / "messages.txt") as started:
         started.process.kill()
         with pytest.raises(ProcessFailedError, match=r"ended with exit code -9: (no message|segway-ecc: )"):
-            started.result(ENDS_WITHIN_S)
+            started.result(PATIENCE_S)
 
 
 @pytest.mark.parametrize("ended_by", [signal.SIGINT, signal.SIGTERM])
@@ -69,7 +69,7 @@ def test_a_command_that_is_interrupted_is_an_interruption_and_no_failure(
 ) -> None:
     words = [sys.executable, "-c", f"import os; os.kill(os.getpid(), {int(ended_by)})"]
     with processes.program(words, tmp_path / "messages.txt") as started, pytest.raises(KeyboardInterrupt):
-        started.result(ENDS_WITHIN_S)
+        started.result(PATIENCE_S)
 
 
 def test_a_command_is_not_waited_for_whose_partner_failed(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_command_is_not_waited_for_whose_partner_failed(tmp_path: Path) -> Non
         command(["run", "no such robot"], tmp_path / "partner.txt") as partner,
         pytest.raises(ProcessFailedError, match=r"^'segway-ecc run no such robot' ended with exit code 2: "),
     ):
-        started.result(ENDS_WITHIN_S, partner)
+        started.result(PATIENCE_S, partner)
 
 
 def test_a_command_that_takes_too_long_is_reported_and_ended(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_the_environment_is_added_to_our_own(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(sys, "executable", str(script))
     monkeypatch.setenv("OURS", "kept")
     with command([], tmp_path / "messages.txt", {"THEIRS": "added"}) as started:
-        result = started.result(ENDS_WITHIN_S)
+        result = started.result(PATIENCE_S)
 
     assert (result["OURS"], result["THEIRS"]) == ("kept", "added")
 
@@ -133,11 +133,11 @@ def test_the_environment_is_added_to_our_own(tmp_path: Path, monkeypatch: pytest
 def test_a_command_that_listens_answers_line_by_line(tmp_path: Path) -> None:
     words = ["plant", "cart-can", "--interface", "local", "--channel", f"ask_{os.getpid()}", "--control"]
     with command(words, tmp_path / "messages.txt", listens=True) as started:
-        answers = [started.ask(line, ENDS_WITHIN_S) for line in ("mute", "nonsense", "heal")]
+        answers = [started.ask(line, PATIENCE_S) for line in ("mute", "nonsense", "heal")]
         started.process.kill()
         started.process.wait()
         with pytest.raises(ProcessFailedError, match=r"did not answer 'mute': segway-ecc: plant of 'cart-can'"):
-            started.ask("mute", ENDS_WITHIN_S)
+            started.ask("mute", PATIENCE_S)
 
     stamps, texts = zip(*(answer.split(" ", 1) for answer in answers), strict=True)
     assert texts[0] == "mute"
@@ -154,7 +154,7 @@ def test_answers_that_come_together_are_returned_one_by_one_and_one_that_does_no
     script.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(script))
     with command([], tmp_path / "messages.txt", listens=True) as started:
-        assert [started.ask("a", ENDS_WITHIN_S), started.ask("b", ENDS_WITHIN_S)] == ["one", "two"]
+        assert [started.ask("a", PATIENCE_S), started.ask("b", PATIENCE_S)] == ["one", "two"]
         with pytest.raises(ProcessFailedError, match=r"did not answer 'c': no message"):
             started.ask("c", 0.05)
 
@@ -167,5 +167,5 @@ def test_a_command_that_does_not_listen_cannot_be_asked(tmp_path: Path) -> None:
 def test_another_module_can_stand_around_our_command(tmp_path: Path) -> None:
     words = [*RUNS_FOR_EVER, "--duration", "0.05"]
     with command(words, tmp_path / "messages.txt", module="segway_ecc.hil.drill.stepped_clock") as started:
-        assert started.result(ENDS_WITHIN_S)["cycles"] == 5
+        assert started.result(PATIENCE_S)["cycles"] == 5
         assert "segway_ecc.hil.drill.stepped_clock" in started.process.args  # type: ignore[operator]  # it is a list

@@ -10,8 +10,7 @@ import pytest
 
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
-
-PATIENCE_S = 40.0
+from tests.patience import PATIENCE_S
 
 
 class Operated:

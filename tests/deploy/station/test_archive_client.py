@@ -19,6 +19,7 @@ from segway_ecc.deploy.support.archive_files import PIECE_BYTES, Value
 from segway_ecc.deploy.support.archive_service import ArchiveCalls
 from segway_ecc.deploy.support.file_store import FileStore
 from segway_ecc.node.errors import NobodyListensError
+from tests.patience import PATIENCE_S
 
 CONTENT = hashlib.shake_128(b"log").digest(5 * PIECE_BYTES + 100)
 
@@ -62,7 +63,7 @@ class Bench:
 
     def fetch(self, name: str = "a.mcap") -> Progress:
         self.client.begin("/alice", name)
-        deadline_s = time.monotonic() + 20.0
+        deadline_s = time.monotonic() + PATIENCE_S
         while (progress := self.client.progress("/alice")[name]).is_going_on and time.monotonic() < deadline_s:
             time.sleep(0.005)
         return progress
@@ -274,7 +275,7 @@ def test_the_end_ends_a_bundle_that_is_waited_for(bench: Bench) -> None:
     bench.robot.answer = never
 
     def end() -> None:
-        asked.wait(20.0)
+        asked.wait(PATIENCE_S)
         bench.client.close()
 
     ending = threading.Thread(target=end)

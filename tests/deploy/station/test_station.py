@@ -16,7 +16,8 @@ from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import Act, Command
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
-from tests.deploy.station.operated_station import PATIENCE_S, Operated
+from tests.deploy.station.operated_station import Operated
+from tests.patience import PATIENCE_S
 
 over_ros = pytest.mark.ros
 

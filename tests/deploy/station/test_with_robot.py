@@ -18,7 +18,8 @@ from segway_ecc.hil.drill.plant_control import read_trace, torque_after
 from segway_ecc.hil.processes import Command as Process
 from segway_ecc.hil.processes import command
 from segway_ecc.node.config import read_text
-from tests.deploy.station.operated_station import PATIENCE_S, Operated
+from tests.deploy.station.operated_station import Operated
+from tests.patience import PATIENCE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 

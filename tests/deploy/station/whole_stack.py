@@ -17,12 +17,12 @@ from segway_ecc.hil.drill.plant_control import Tick, Torque, read_trace, torque_
 from segway_ecc.hil.processes import Command as Process
 from segway_ecc.hil.processes import command
 from segway_ecc.node.config import read_text
+from tests.patience import PATIENCE_S
 from tests.ros_domains import next_domain
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-PATIENCE_S: Final = 40.0
 PATIENCE_MS: Final = PATIENCE_S * 1e3
 NAMESPACE: Final = "/alice"
 DOWN: Final = 0.4

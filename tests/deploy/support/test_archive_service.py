@@ -19,6 +19,7 @@ from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.support.archive_service import ArchiveCalls, NoArchiveError
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.ros.runtime import ros_node
+from tests.patience import PATIENCE_S
 from tests.ros_processes import Start
 
 pytestmark = pytest.mark.ros
@@ -39,12 +40,12 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def robot(start_for_all: Start, logs: Path, messages: Path) -> Iterator[Any]:
     words = ["log", "archive", "cart", "--namespace", "/alice", "--folder", str(logs), "--rate", "50"]
     process = start_for_all("archive", *words)
-    deadline_s = time.monotonic() + 30.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while "handing out" not in (messages / "archive.txt").read_text() and time.monotonic() < deadline_s:
         time.sleep(0.05)
     yield process
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20.0) == 0
+    assert process.wait(PATIENCE_S) == 0
 
 
 @pytest.fixture
@@ -67,7 +68,7 @@ def client(calls: ArchiveCalls, tmp_path: Path) -> Iterator[ArchiveClient]:
 
 def _fetched(client: ArchiveClient, name: str) -> Progress:
     client.begin("/alice", name)
-    deadline_s = time.monotonic() + 60.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while (progress := client.progress("/alice")[name]).is_going_on and time.monotonic() < deadline_s:
         time.sleep(0.02)
     return progress
@@ -169,7 +170,7 @@ def test_no_rate_is_exceeded(start: Start, domain: None, tmp_path: Path) -> None
         # 1 MB at 0.5 MB/s takes 2 s, of which the last piece's time is not waited for.
         assert time.monotonic() - begun_s > 1.8
     os.kill(slow.pid, signal.SIGINT)
-    assert slow.wait(20.0) == 0
+    assert slow.wait(PATIENCE_S) == 0
 
 
 def _has(calls: ArchiveCalls) -> bool:
@@ -187,7 +188,7 @@ def _answers(client: ArchiveClient) -> bool:
 
 
 def _until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 40.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline_s
         time.sleep(0.05)

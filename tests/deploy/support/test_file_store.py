@@ -11,13 +11,14 @@ import pytest
 
 from segway_ecc.deploy.support.archive_files import PIECE_BYTES, Value, finished_bundle_of
 from segway_ecc.deploy.support.file_store import FileStore
+from tests.patience import PATIENCE_S
 
 CONTENT = bytes(range(256)) * 512
 NS_PER_S = 1_000_000_000
 
 
 def when_done(ask: Callable[[], Value]) -> Value:
-    deadline_s = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while (answer := ask()) == "busy" and time.monotonic() < deadline_s:
         time.sleep(0.005)
     return answer
@@ -38,7 +39,7 @@ class Bench:
         self.file_store = FileStore(self.logs, self.work, self.make, lambda: self.now_ns)
 
     def make(self, place: Path) -> Path:
-        assert self.go_on.wait(20.0)
+        assert self.go_on.wait(PATIENCE_S)
         self.count += 1
         path = place / f"{self.count}.zip"
         path.write_bytes(b"zip %d" % self.count)
@@ -131,7 +132,7 @@ def test_a_bundle_asked_for_while_a_log_is_hashed_is_made_afterwards(
     hash_it = hashlib.sha256
 
     def slow(*words: bytes) -> object:
-        assert bench.go_on.wait(20.0)
+        assert bench.go_on.wait(PATIENCE_S)
         return hash_it(*words)
 
     bench.go_on.clear()

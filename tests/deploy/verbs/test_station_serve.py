@@ -16,6 +16,7 @@ import pytest
 from segway_ecc.deploy.station.web.site_address import SiteAddress, bind, site_address_of, url
 from segway_ecc.deploy.verbs import station_serve
 from tests.command import Outcome
+from tests.patience import PATIENCE_S
 
 SegwayEcc = Callable[..., Outcome]
 
@@ -138,7 +139,7 @@ class Running:
 
     def end(self, number: signal.Signals) -> tuple[int, dict[str, Any]]:
         self.process.send_signal(number)
-        out, _ = self.process.communicate(timeout=30.0)
+        out, _ = self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode, json.loads(out)
 
 

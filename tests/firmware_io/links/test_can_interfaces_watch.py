@@ -8,8 +8,8 @@ import pytest
 from segway_ecc.firmware_io.links import can_interfaces
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState, InterfaceWatch
 from segway_ecc.firmware_io.links.link import LinkState
+from tests.patience import PATIENCE_S
 
-PATIENCE_S = 20.0
 PASSIVE = InterfaceState("can", is_up=True, state=LinkState.PASSIVE)
 
 

@@ -12,9 +12,9 @@ from segway_ecc.firmware_io.links import can_interfaces
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState
 from segway_ecc.firmware_io.links.can_link import ERROR, EXTENDED, REMOTE, Arrival, CanBus, CanLink, PortError
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from tests.patience import PATIENCE_S
 
 S = 1_000_000_000
-PATIENCE_S = 20.0
 BUS_OFF, RESTARTED = ERROR | 0x40, ERROR | 0x100
 GONE = PortError("Network is down", is_gone=True)
 HICCUP = PortError("odd")

@@ -12,10 +12,9 @@ from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.can_ports import PORT, encode, make_can_link, multicast_group, multicast_socket
 from segway_ecc.firmware_io.links.link import Frame, Link
+from tests.patience import PATIENCE_S
 
 INET_ATON = socket.inet_aton
-PATIENCE_S = 20.0
-"""How long a frame may take that is sure to come."""
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
 

@@ -14,13 +14,12 @@ from segway_ecc.firmware_io.links import can_ports
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.can_ports import make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, LinkState
+from tests.patience import PATIENCE_S
 
 S = 1_000_000_000
 START_NS = 5 * S
 WALL_NS = 1_700_000_000 * S
 MICROSECOND = 1_000
-PATIENCE_S = 20.0
-"""How long a frame may take that is sure to come."""
 
 
 class FakeBus:

@@ -17,10 +17,9 @@ import pytest
 
 from segway_ecc.firmware_io.links.can_ports import PORT, multicast_group
 from segway_ecc.firmware_io.links.local_bus import LocalBus
+from tests.patience import PATIENCE_S
 
 INET_ATON = socket.inet_aton
-PATIENCE_S = 20.0
-"""How long a frame may take that is sure to come."""
 DATAGRAM = struct.Struct("<4sQQIBx8s")
 
 ECHO = """

@@ -8,8 +8,7 @@ import pytest
 
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.reopening import RETRY_NS, BackgroundTask, Recovery
-
-PATIENCE_S = 20.0
+from tests.patience import PATIENCE_S
 
 
 def until(condition: Callable[[], bool]) -> None:

@@ -9,11 +9,10 @@ from segway_ecc.hil.bench.contestants import TOPICS, listening
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
+from tests.patience import PATIENCE_S
 from tests.ros_domains import next_domain
 
 pytestmark = pytest.mark.ros
-
-PATIENCE_S = 20.0
 
 
 @pytest.fixture(autouse=True)

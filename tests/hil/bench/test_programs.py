@@ -26,6 +26,7 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.bench.contestants import BenchSite, Contestant, plant, run_contestant
 from segway_ecc.hil.bench.rig import BenchPrograms, Bus, Conditions, make_rig, own_cache
 from segway_ecc.node.errors import ConfigurationError
+from tests.patience import PATIENCE_S
 
 pytestmark = [pytest.mark.compiler, pytest.mark.real_time]
 
@@ -62,7 +63,7 @@ class Host:
 
     def hear_until(self, wanted: type | BoardState) -> Payload:
         """The first frame with such a payload, or with such a state; what came with it is heard too."""
-        deadline_s = time.monotonic() + 10.0
+        deadline_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline_s:
             heard = [self.endpoint.check(frame) for frame in self._link.receive()]
             for payload in heard:

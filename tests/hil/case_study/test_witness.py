@@ -10,9 +10,9 @@ import pytest
 
 from segway_ecc.hil.case_study import witness as witness_module
 from segway_ecc.hil.case_study.witness import Waits, witness
+from tests.patience import PATIENCE_S
 
 STOPPED_S = 0.3
-PATIENCE_S = 30.0
 
 
 def counted(proc: Path, process: int, waited_ms: float) -> None:

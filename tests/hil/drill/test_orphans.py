@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.real_time
+from tests.patience import PATIENCE_S
 
-PATIENCE_S = 60.0
+pytestmark = pytest.mark.real_time
 
 
 def states(channel: str) -> dict[int, str]:

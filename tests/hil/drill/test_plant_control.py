@@ -24,10 +24,10 @@ from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.testing import START_NS, ScriptedClock
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.real_time
 
-PATIENCE_S = 30.0
 TICK_NS = 5_000_000
 LEFT_WHEEL, RIGHT_WHEEL = 0x120, 0x121
 

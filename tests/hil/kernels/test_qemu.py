@@ -14,9 +14,9 @@ import pytest
 from segway_ecc.hil.kernels import qemu
 from segway_ecc.hil.kernels.guest import GuestError, GuestResult, to_stdout
 from segway_ecc.hil.kernels.qemu import available, main, run_in_guest
+from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[3]
-PATIENCE_S = 30.0
 SCRIPT = """
 echo "greeting=$GREETING home=$HOME here=$(pwd)"
 echo leaked > leaked-by-the-guest && cat leaked-by-the-guest

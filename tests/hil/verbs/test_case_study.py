@@ -15,11 +15,11 @@ from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
 from segway_ecc.hil.case_study.study import Cell, LoopTiming, RealTimeRun, Seat, Study, thesis_cells
 from segway_ecc.hil.verbs.case_study import NEXT
 from segway_ecc.node.cli.main import command_line, find_verbs
+from tests.patience import PATIENCE_S
 
 Run = Callable[..., Any]
 THESIS_KEYS = ("linear", "angular", "offline_20sim", "standalone_ros_2019")
 RUNS = 13
-ENDS_WITHIN_S = 100.0
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_lock_step_gives_the_same_bytes_every_time(tmp_path: Path) -> None:
     ]
     processes = [subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) for words in commands]
     try:
-        outputs = [process.communicate(timeout=ENDS_WITHIN_S)[0] for process in processes]
+        outputs = [process.communicate(timeout=PATIENCE_S)[0] for process in processes]
     finally:
         for process in processes:
             process.kill()

@@ -16,13 +16,13 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.links.local_bus import LocalBus
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.real_time
 
 Run = Callable[..., Any]
 BOARD_STATUS = 0x130
 TICK_NS = 5_000_000
-PATIENCE_S = 20.0
 
 
 def one_line(outcome: Any) -> str:

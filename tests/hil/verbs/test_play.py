@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.links.local_bus import LocalBus
+from tests.patience import PATIENCE_S
 from tests.ros_domains import next_domain
 
 pytestmark = pytest.mark.real_time
 
 Run = Callable[..., Any]
-PATIENCE_S = 40.0
 COMMAND, LEFT_WHEEL = 0x110, 0x120
 UP, LEFT = b"\x1b[A", b"\x1b[D"
 

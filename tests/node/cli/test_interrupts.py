@@ -12,6 +12,7 @@ import pytest
 
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.config import read_text
+from tests.patience import PATIENCE_S
 
 SWALLOWING = """
 import os, signal, time
@@ -69,7 +70,7 @@ def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Pa
         [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words],
         env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
         capture_output=True,
-        timeout=60.0,
+        timeout=PATIENCE_S,
         check=False,
     )
 
@@ -77,5 +78,5 @@ def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Pa
 
 
 def test_a_command_that_is_still_being_imported_ends_without_a_traceback() -> None:
-    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, timeout=60.0, check=False)
+    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, timeout=PATIENCE_S, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")

@@ -14,6 +14,7 @@ import pytest
 from segway_ecc.node.cli import worker as worker_module
 from segway_ecc.node.cli.worker import Worker, run_in_worker
 from segway_ecc.node.errors import NodeError, RobotLostError
+from tests.patience import PATIENCE_S
 
 HANGING = """
 import ctypes, sys
@@ -91,7 +92,7 @@ def test_work_that_ends_without_a_result_is_an_error(capfd: pytest.CaptureFixtur
 def test_a_signal_ends_work_that_hangs(tmp_path: Path, hang: str) -> None:
     process, pid = hanging(tmp_path, hang, 0.3)
     process.send_signal(signal.SIGTERM)
-    text, _ = process.communicate(timeout=60.0)
+    text, _ = process.communicate(timeout=PATIENCE_S)
     assert text.startswith("abandoned by SIGTERM before ROS had let go")
     assert not is_running(pid)
 
@@ -100,7 +101,7 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     process, pid = hanging(tmp_path, HANGS["with the lock"], 1e6)
     for number in (signal.SIGINT, signal.SIGTERM):  # two of one kind may arrive as one
         process.send_signal(number)
-    text, _ = process.communicate(timeout=60.0)
+    text, _ = process.communicate(timeout=PATIENCE_S)
     assert text.startswith("abandoned by ")
     assert not is_running(pid)
 
@@ -108,8 +109,8 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
 def test_who_asked_for_it_takes_it_along(tmp_path: Path) -> None:
     process, pid = hanging(tmp_path, HANGS["with the lock"], 1e6)
     process.kill()
-    process.communicate(timeout=60.0)
-    deadline_s = time.monotonic() + 60.0
+    process.communicate(timeout=PATIENCE_S)
+    deadline_s = time.monotonic() + PATIENCE_S
     while is_running(pid):
         assert time.monotonic() < deadline_s
         time.sleep(0.01)

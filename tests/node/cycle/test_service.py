@@ -17,6 +17,7 @@ from segway_ecc.node.cycle.timing import LoopCounters
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.testing import Bench, RecordingHardware
+from tests.patience import PATIENCE_S
 
 PERIOD_NS = 10_000_000
 WATCHDOG_NS = 2_000_000_000
@@ -360,7 +361,7 @@ def test_run_notifies_the_service_manager(manager: Manager, tmp_path: Path) -> N
         "--duration",
         "1.5",
     ]
-    subprocess.run(words, env=variables, cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    subprocess.run(words, env=variables, cwd=tmp_path, check=True, capture_output=True, timeout=PATIENCE_S)
     heard = manager.heard()
     assert heard[-1] == "STOPPING=1"
     statuses = [json.loads(text.removeprefix("STATUS=")) for text in heard if text.startswith("STATUS=")]

@@ -7,6 +7,7 @@ import pytest
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.compile import cached, digest, find_compiler, missing_compiler
+from tests.patience import PATIENCE_S
 
 
 def fill(draft: Path) -> None:
@@ -19,7 +20,7 @@ def never(_draft: Path) -> None:
 
 def race(barrier: Barrier, seen: "multiprocessing.Queue[str]") -> None:
     def make(draft: Path) -> None:
-        barrier.wait(timeout=30)
+        barrier.wait(timeout=PATIENCE_S)
         fill(draft)
 
     seen.put((cached("shared", make) / "made").read_text())
@@ -63,9 +64,9 @@ class TestCached:
         processes = [context.Process(target=race, args=(barrier, seen)) for _ in range(2)]
         for process in processes:
             process.start()
-        assert [seen.get(timeout=30), seen.get(timeout=30)] == ["once", "once"]
+        assert [seen.get(timeout=PATIENCE_S), seen.get(timeout=PATIENCE_S)] == ["once", "once"]
         for process in processes:
-            process.join(timeout=30)
+            process.join(timeout=PATIENCE_S)
         assert [process.exitcode for process in processes] == [0, 0]
         assert [entry.name for entry in place.iterdir()] == ["shared"]
 

@@ -32,9 +32,9 @@ from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode
+from tests.patience import PATIENCE_S
 
 MORE_THAN_FIT = 5000
-ENDS_WITHIN_S = 30.0
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def salvaged(path: Path) -> list[int]:
 
 def wait_for(condition: Callable[[], bool]) -> None:
     """Other processes take as long as they take."""
-    give_up_s = time.monotonic() + ENDS_WITHIN_S
+    give_up_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < give_up_s
         time.sleep(0.02)
@@ -135,7 +135,7 @@ def test_a_killed_writer_costs_only_its_cycles(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     recorder._process.send_signal(signal.SIGKILL)
-    recorder._process.wait(ENDS_WITHIN_S)
+    recorder._process.wait(PATIENCE_S)
     for cycle in range(11):
         recorder.write(record(cycle))
     with pytest.raises(RecordingError, match=f"the process that writes the log {path} is gone"):
@@ -165,7 +165,7 @@ def test_a_loop_whose_writer_is_killed_drives_on_and_reports_it_once(
             if self.cycles == 150:
                 wait_for(lambda: bool(salvaged(path)))
                 recorder._process.kill()
-                recorder._process.wait(ENDS_WITHIN_S)
+                recorder._process.wait(PATIENCE_S)
 
     loop = robot.loop(KillsIt(), recorder)
     with caplog.at_level(logging.WARNING):
@@ -402,7 +402,7 @@ def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layou
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
         assert node.stdout is not None
         writer = Path(f"/proc/{int(node.stdout.readline())}")
-        node.wait(ENDS_WITHIN_S)
+        node.wait(PATIENCE_S)
         wait_for(lambda: not writer.exists() or (writer / "stat").read_text().split()[2] == "Z")
 
     assert node.returncode == -signal.SIGKILL
@@ -424,7 +424,7 @@ def test_a_signal_to_the_whole_process_group_leaves_a_finished_log(path: Path, n
         while "ARMED" not in (line := node.stderr.readline()):
             assert line, "the node ended before it was armed"
         os.killpg(node.pid, number)
-        out, errors = node.communicate(timeout=ENDS_WITHIN_S)
+        out, errors = node.communicate(timeout=PATIENCE_S)
 
     assert node.returncode == 0
     assert errors.splitlines() == [f"segway-ecc: stopped: {number.name}"]

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from tests.patience import PATIENCE_S
+
 HANGING = """
 import ctypes, time
 from segway_ecc.node.cycle.interfaces import Report
@@ -146,7 +148,7 @@ def test_a_process_that_cannot_leave_ros_ends_in_time_and_without_a_word(has_rea
         [sys.executable, "-c", LEAVING], stdin=subprocess.DEVNULL, stdout=write, stderr=subprocess.PIPE
     ) as process:
         os.close(write)
-        _, errors = process.communicate(timeout=60.0)
+        _, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, errors) == (1, b"")
     if has_reader:
         with os.fdopen(read, "rb") as printed:
@@ -156,7 +158,7 @@ def test_a_process_that_cannot_leave_ros_ends_in_time_and_without_a_word(has_rea
 @pytest.mark.parametrize("hang", ["time.sleep(1000.0)", "ctypes.PyDLL(None).sleep(1000)"])
 def test_process_ends_itself_where_dds_hangs_even_with_the_interpreter_locked(hang: str) -> None:
     code = HANGING.replace("HANG\n", f"{hang}\n")
-    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=60.0)
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.stdout == "published\n"
     assert done.returncode == 1
     assert done.stderr.startswith("Timeout (0:00:01)!")

@@ -10,6 +10,7 @@ import pytest
 
 from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.ros.runtime import require_ros
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.ros
 
@@ -53,7 +54,7 @@ def test_a_wall_clock_that_is_set_back_prolongs_no_wait(ros_environment: dict[st
         capture_output=True,
         text=True,
         env=ros_environment | {"LD_PRELOAD": str(library)},
-        timeout=60.0,
+        timeout=PATIENCE_S,
     )
     assert done.stdout == "waited\nleft\n"
 

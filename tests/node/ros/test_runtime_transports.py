@@ -19,6 +19,7 @@ from segway_ecc.node.ros.runtime import (
     profiles_for,
     udp_only,
 )
+from tests.patience import PATIENCE_S
 from tests.ros_domains import next_domain
 
 XML = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
@@ -101,7 +102,7 @@ def test_a_node_of_ours_maps_no_shared_memory(settings: dict[str, str], tmp_path
     inherited = {name: value for name, value in os.environ.items() if name not in unset}
     environment = inherited | settings | {"ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": next_domain()}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60.0, check=True
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=True
     )
     assert done.stdout == "0 ports\n"
     assert done.stderr == ""

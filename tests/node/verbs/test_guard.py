@@ -21,11 +21,11 @@ from segway_ecc.firmware_io.heartbeat import BusOwner
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.node import config
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.real_time
 
 Run = Callable[..., Any]
-PATIENCE_S = 30.0
 STATUS = 9
 DRIVEN = 10
 """Commands to move that are heard before the node is harmed, so that the guard has seen it drive."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from segway_ecc.node.watchdog.output import AT_ONCE, PER_S
+from tests.patience import PATIENCE_S
 
 CYCLE = 7
 MODEL = f"""
@@ -160,7 +161,7 @@ def test_a_reader_that_stops_reading_holds_up_no_cycle(folder: Path) -> None:
     with subprocess.Popen([*words, "--duration", "3", "--json"], cwd=folder, stdout=-1, stderr=-1) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.read())["cycles"] > CYCLE
-        assert process.wait(60) == 0
+        assert process.wait(PATIENCE_S) == 0
 
 
 def test_a_step_limit_shorter_than_a_step_is_refused(folder: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 
 from segway_ecc.node.config import packaged_robots
+from tests.patience import PATIENCE_S
 
 Run = Callable[..., Any]
 QUIET = ("--no-ros", "--no-log")
@@ -276,7 +277,7 @@ def test_a_signal_ends_the_run_with_exit_code_0_and_its_result(number: signal.Si
         while process.stderr.readline() != "segway-ecc: ARMED: asked to arm\n":
             assert process.poll() is None
         process.send_signal(number)
-        out, errors = process.communicate(timeout=30)
+        out, errors = process.communicate(timeout=PATIENCE_S)
 
     assert process.returncode == 0
     assert json.loads(out)["stop_reason"] == number.name

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.patience import PATIENCE_S
+
 FOLDER = Path(__file__).parents[4] / "deploy" / "station" / "installer"
 XML = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
 RANGES = {"SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"}
@@ -106,7 +108,12 @@ def test_fast_dds_takes_the_profile(tmp_path: Path) -> None:
             path.write_text(content)
         environment = os.environ | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(path), "ROS_LOG_DIR": str(tmp_path)}
         done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60.0, check=False
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
         )
         assert "open" in done.stdout
         assert ("XMLPARSER" in done.stdout + done.stderr) == complains, done.stderr
