@@ -94,7 +94,7 @@ def restore_snapshot(parts: object, model: Model, snapshot: Snapshot) -> None:
     try:
         restore(parts, snapshot.parts, _OUTSIDE)
         if load is None:
-            restore(model, snapshot.model)
+            restore(unwrapped(model), snapshot.model)
         else:
             load(snapshot.model)
     except FAILURES as error:
