@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from tests.patience import PATIENCE_S
 from tests.ros_domains import next_domain
 
-_ENDS_WITHIN_S = 60.0
 _TRIES = 2000
 
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -121,5 +121,5 @@ def receive_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> An
 
 def output(process: "subprocess.Popen[str]") -> str:
     """What a process prints until it ends."""
-    text, _ = process.communicate(timeout=_ENDS_WITHIN_S)
+    text, _ = process.communicate(timeout=PATIENCE_S)
     return text

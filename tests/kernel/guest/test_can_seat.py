@@ -22,7 +22,7 @@ from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 BITRATE = 500_000
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 ENDS_WITHIN_S = 30.0
 COMMAND = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main"]
 

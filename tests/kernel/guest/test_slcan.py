@@ -25,7 +25,7 @@ from segway_ecc.firmware_io.links.link import Frame, LinkState
 
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 BITRATE = 500_000
 DATA = bytes.fromhex("00 7F 80 FF 0D 07 41 5A")
 """With the bytes that end an answer of the adapter, which in hexadecimal are nothing special."""

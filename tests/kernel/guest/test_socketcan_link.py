@@ -17,7 +17,7 @@ from segway_ecc.firmware_io.links.can_ports import SocketCanPort, make_can_link,
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkState
 
 BITRATE = 500_000
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 CAN_FRAME = struct.Struct("=IB3x8s")
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 

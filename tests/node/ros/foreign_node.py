@@ -44,7 +44,7 @@ ROS_OWN = (
     "/set_parameters_atomically",
 )
 KINDS = {"Float64": Float64, "Twist": Twist, "TwistStamped": TwistStamped, "String": String, "Header": Header}
-PATIENCE_S = 40.0
+PATIENCE_S = 150.0
 LOOKS_EVERY_S = 0.01
 NS_PER_S = 1_000_000_000
 

@@ -46,10 +46,10 @@ from segway_ecc.node.ros.remote import INBOX_SLOTS, RemoteStage, RosBridge
 from segway_ecc.node.ros.stage import LONGEST_NAME
 from segway_ecc.node.safety.modes import Mode
 from tests.node.ros.test_stage import SETTINGS
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.ros
 
-WITHIN_S = 60.0
 ENVIRONMENT = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR")
 
 
@@ -129,7 +129,7 @@ def publish(stage: RemoteStage, count: int) -> None:
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline_s
         time.sleep(0.01)

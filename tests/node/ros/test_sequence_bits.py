@@ -17,12 +17,12 @@ from segway_ecc.hil.case_study.study import Trajectory
 from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
+from tests.patience import PATIENCE_S
 from tests.ros_processes import Ask, Start, output, receive_until
 
 pytestmark = pytest.mark.ros
 
 NS_PER_S = 1_000_000_000
-GETS_THERE_WITHIN_S = 60.0
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_whatever_is_killed_meanwhile_changes_no_bit(
         assert re.search(r" lost(, .*)?: (the robot's ROS process ended meanwhile|on the way, it is not known)", line)
     assert not way.exists()
     end = (expected.x[-1], expected.y[-1])
-    deadline_s = time.monotonic() + GETS_THERE_WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     while end not in (driven := recorded_way(log)):
         assert time.monotonic() < deadline_s, "the robot does not get where it was to go"
         time.sleep(0.5)

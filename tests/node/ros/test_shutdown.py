@@ -18,6 +18,7 @@ import pytest
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.node.config import read_text
+from tests.patience import PATIENCE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 
@@ -25,7 +26,6 @@ Start = Callable[..., "subprocess.Popen[str]"]
 BOARD = importlib.resources.files("segway_ecc.firmware_io") / "drives" / "wheel_board"
 DBC = cantools.database.load_string((BOARD / "wheel_board.dbc").read_text("utf-8"), "dbc")
 WHEEL_COMMAND = DBC.get_message_by_name("WHEEL_COMMAND")
-ENDS_WITHIN_S = 30.0
 FAILING_MODEL = """
 from segway_ecc.node.models.cart import CartController
 
@@ -74,7 +74,7 @@ def command_of(arbitration_id: int, data: bytes) -> dict[str, Any] | None:
 
 
 def wait_for_command(bus: can.BusABC, wanted: Callable[[dict[str, Any]], bool]) -> None:
-    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
         message = bus.recv(0.1)
         command = None if message is None else command_of(message.arbitration_id, bytes(message.data))
@@ -85,7 +85,7 @@ def wait_for_command(bus: can.BusABC, wanted: Callable[[dict[str, Any]], bool]) 
 
 def last_command(bus: can.BusABC, node: "subprocess.Popen[str]") -> dict[str, Any]:
     """The last command that a node sends; the bus is read all the while, so that nothing overflows."""
-    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     last: dict[str, Any] | None = None
     ended_at_s: float | None = None
     while time.monotonic() < deadline_s:
@@ -115,7 +115,7 @@ def test_a_signal_ends_a_driving_robot_with_zero_and_exit_code_0(  # noqa: PLR09
     node.send_signal(number)
 
     assert last_command(witness, node) == ZERO
-    assert node.wait(ENDS_WITHIN_S) == 0
+    assert node.wait(PATIENCE_S) == 0
     assert f"segway-ecc: stopped: {number.name}" in (messages / f"node.{number}.txt").read_text().splitlines()
 
 
@@ -127,7 +127,7 @@ def test_a_signal_ends_a_robot_on_ros_the_same_way(
     node.send_signal(signal.SIGINT)
 
     assert last_command(witness, node) == ZERO
-    assert node.wait(ENDS_WITHIN_S) == 0
+    assert node.wait(PATIENCE_S) == 0
     assert (messages / "ros.txt").read_text().splitlines()[-1] == "segway-ecc: stopped: SIGINT"
 
 
@@ -143,7 +143,7 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
     wait_for_command(witness, lambda command: command["Enable"] == 1 and command["RightVoltage"] > 0.5)
 
     assert last_command(witness, node) == ZERO
-    assert node.wait(ENDS_WITHIN_S) == 3
+    assert node.wait(PATIENCE_S) == 3
     lines = (messages / "failing.txt").read_text().splitlines()
     told = r"segway-ecc: model '[\w-]+' failed in cycle \d+ while running: ZeroDivisionError: the axle broke \("
     assert re.match(told, lines[-1])
@@ -157,7 +157,7 @@ def ros_process_of(node: "subprocess.Popen[str]") -> int:
 
 
 def wait_for_message(path: Path, wanted: str) -> None:
-    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
         if wanted in path.read_text():
             return
@@ -179,7 +179,7 @@ def test_a_robot_whose_ros_dies_goes_on_while_it_is_armed(
     assert node.poll() is None
     node.send_signal(signal.SIGTERM)
     assert last_command(witness, node) == ZERO
-    assert node.wait(ENDS_WITHIN_S) == 0
+    assert node.wait(PATIENCE_S) == 0
 
 
 def test_a_robot_whose_ros_dies_while_it_is_disarmed_is_in_ros_again(
@@ -191,14 +191,14 @@ def test_a_robot_whose_ros_dies_while_it_is_disarmed_is_in_ros_again(
     os.kill(first, signal.SIGKILL)
     wait_for_message(messages / "disarmed.txt", "the robot is in ROS again")
     assert ros_process_of(node) != first
-    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     # Seen are the dead one's services at first, which never answer.
     while not (answer := foreign("call", service="/disarmed/model/arm", within_s=3.0)):
         assert time.monotonic() < deadline_s
     assert answer[0] is True
     assert node.poll() is None
     node.send_signal(signal.SIGTERM)
-    assert node.wait(ENDS_WITHIN_S) == 0
+    assert node.wait(PATIENCE_S) == 0
 
 
 def test_a_robot_that_is_killed_takes_its_ros_along(start: Start, messages: Path, on_request: str) -> None:
@@ -206,7 +206,7 @@ def test_a_robot_that_is_killed_takes_its_ros_along(start: Start, messages: Path
     wait_for_message(messages / "killed.txt", "runs at")
     speaker = Path(f"/proc/{ros_process_of(node)}/cmdline")
     node.kill()
-    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s and speaker.exists() and speaker.read_bytes():
         time.sleep(0.05)
 

@@ -15,13 +15,13 @@ from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.node.cycle.interfaces import Written
 from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.replay.replay import replay
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.ros
 
 Ask = Callable[..., Any]
 Start = Callable[..., "subprocess.Popen[str]"]
 TRIES = 2000
-WITHIN_S = 60.0
 ROBOT = """
 name: opened
 model:
@@ -129,7 +129,7 @@ def test_parameters_are_as_they_were_in_a_ros_process_that_replaces_another(
     assert foreign("set_parameter", node="/model", name="Track", value=0.35) == [True, ""]
     first = helpers_of(robot.pid)["ros"]
     os.kill(first, signal.SIGKILL)
-    deadline_s = time.monotonic() + WITHIN_S
+    deadline_s = time.monotonic() + PATIENCE_S
     while "the robot is in ROS again" not in (messages / "opened.txt").read_text():
         assert time.monotonic() < deadline_s
         time.sleep(0.1)
