@@ -147,6 +147,7 @@ class ContactBody:
         self._data.ctrl[:] = (left, right)
         count = round(seconds / TIME_STEP_S)
         motion = np.zeros(6)
+        self._data.qfrc_applied[:] = 0.0
         for _ in range(count):
             if self._push or self._lift or self._hand is not None:
                 self._act()

@@ -94,6 +94,17 @@ def test_more_torque_than_a_tyre_carries_makes_it_slide(friction: float) -> None
     assert gained + thrown == pytest.approx(0.03 * friction * WEIGHT, rel=0.1)
 
 
+def test_a_push_that_has_ended_pushes_no_more() -> None:
+    plant = _started(0.5)
+    plant.write("PushForce", 20.0)
+    _spin(plant, 0.1, 0.0)
+    plant.write("PushForce", 0.0)
+    _spin(plant, 0.1, 0.0)
+    speed = plant.read("truth.linear_velocity")
+    _spin(plant, 0.3, 0.0)
+    assert abs(plant.read("truth.linear_velocity")) <= abs(speed)
+
+
 def test_each_wheel_has_its_own_friction() -> None:
     plant = _started()
     plant.write("LeftFriction", 0.05)
