@@ -10,6 +10,9 @@ gains that `segway-ecc design gains` finds, around a moving reference:
 with u the sum of both wheels' torques and u[-1], u[-2] those on their way to the motors. To speed up by a, the body
 leans pitch_ref = PitchPerAcceleration a and the wheels push u_ref = TorquePerAcceleration a (in the linear model, with
 the pitch at rest). The heading is held by feedback of its error and of the yaw rate on the difference of the torques.
+
+A wheel that slips has more torque than its tyre carries, and loses grip by it: it is given less, the longer and
+the faster it slips, and more again, slowly, once it rolls.
 """
 
 import enum
@@ -38,6 +41,20 @@ _RATE_FACTOR: Final = 0.7
 _LANDED_RATE: Final = 0.3
 """Pitch rate below which a body that is down lies on its stop, rad/s; above, braking would throw it there."""
 _RUNAWAY_TIME_S: Final = 0.05
+_YIELD_RATE: Final = 20.0
+"""Part of its torque that a slipping wheel loses, 1/s: half of it, which it lacks on friction 0.5, within 35 ms."""
+_REGAIN_RATE: Final = 3.0
+"""Torque that a wheel may have again once it rolls, N m/s: all of it within 0.4 s, which is less than a fall takes."""
+_LEAST_GRIP: Final = 0.3
+"""Torque that a wheel may always have while it hardly slips, N m: what a tyre carries on a friction of 0.23."""
+_SLIP_GAIN: Final = 0.3
+"""Torque that it loses at once for its slip, N s: with more, and two periods of delay, it slips in bursts."""
+_SLIP_LEAD: Final = 2.0
+"""Periods by which the slip is foreseen: a torque acts so much later."""
+_KEPT_SPEED: Final = 0.8
+_KEPT_PITCH: Final = 0.25
+"""A robot that slipped while it stands up keeps this part of its speed, down to this pitch, rad, and less and less
+below: to brake takes the grip that getting up needs, and to arrive faster takes a longer way."""
 _RAMP_RATE: Final = 2.0
 _RAMP_LAG_S: Final = 0.2
 """The ramp of a set-point is (1 + lag s) s + rate: well damped, and without a step in acceleration."""
@@ -105,7 +122,7 @@ class PhaseRules:
             progress.elapsed + period,
             progress.lasting + period if self._is_ending(phase, e) else 0.0,
             # Faster than the robot is ever asked to go, as wheels turn in the air.
-            progress.wrong + period if abs(e.velocity) > self._runaway_speed else 0.0,
+            progress.wrong + period if abs(e.rolled) > self._runaway_speed else 0.0,
         )
 
     def torque_down(self, e: Estimate) -> float:
@@ -157,6 +174,8 @@ class Motion(Value, frozen=True):
         integral: Integral of the travel's error, m s.
         sent, sent_before: Sum of the torques sent last, and the one before, N m.
         turning: Difference of the torques sent last, N m.
+        left_slip, right_slip: What each wheel slipped then, m/s.
+        left_yield, right_yield: By how much less than the torque limit each wheel may be sent as it slipped, N m.
     """
 
     travel: float = 0.0
@@ -169,6 +188,10 @@ class Motion(Value, frozen=True):
     sent: float = 0.0
     sent_before: float = 0.0
     turning: float = 0.0
+    left_slip: float = 0.0
+    right_slip: float = 0.0
+    left_yield: float = 0.0
+    right_yield: float = 0.0
 
 
 class Law:
@@ -223,10 +246,25 @@ class Law:
         return rate + self._period * acceleration, acceleration
 
     def here(self, motion: Motion, e: Estimate) -> Motion:
-        """A reference that is where the robot is, at rest; what was sent is kept."""
+        """A reference that is where the robot is, at rest; what was sent is kept, and how its wheels slipped."""
         return Motion(
-            travel=e.travel, heading=e.heading, sent=motion.sent, sent_before=motion.sent_before, turning=motion.turning
+            travel=e.travel,
+            heading=e.heading,
+            sent=motion.sent,
+            sent_before=motion.sent_before,
+            turning=motion.turning,
+            left_slip=motion.left_slip,
+            right_slip=motion.right_slip,
+            left_yield=motion.left_yield,
+            right_yield=motion.right_yield,
         )
+
+    def rising(self, motion: Motion, e: Estimate) -> Motion:
+        """The reference of a robot that stands up: where it is, at rest, or once it slipped, nearly at its speed."""
+        here = self.here(motion, e)
+        if motion.left_yield == motion.right_yield == motion.velocity == 0.0:
+            return here
+        return replace(here, velocity=_KEPT_SPEED * min(abs(e.pitch) / _KEPT_PITCH, 1.0) * e.velocity)
 
     def balanced(self, motion: Motion, e: Estimate, limit: float) -> Motion:
         """Send what keeps the robot up and on its way, each wheel within `limit`, N m."""
@@ -246,13 +284,39 @@ class Law:
         sent = self._reachable(u, last, 2.0 * limit)
         if sent == u:  # what cannot be sent is no reason to ask for more: the integral waits
             integral += self._period * error
-        return replace(
+        moved = replace(
             motion,
             integral=within(integral, self._max_integral),
             sent=sent,
             sent_before=last,
             turning=self._turning(motion, e, limit, sent),
         )
+        if e.left_slip == e.right_slip == motion.left_yield == motion.right_yield == 0.0:  # nearly always
+            return moved
+        return self._gripping(moved, e, limit)
+
+    def _gripping(self, motion: Motion, e: Estimate, limit: float) -> Motion:
+        """The same with each wheel's torque as far as its tyre carries it."""
+        left, right = torques(motion)
+        left_grip = self._grip(limit - motion.left_yield, e.left_slip, left, limit)
+        right_grip = self._grip(limit - motion.right_yield, e.right_slip, right, limit)
+        left = _carried(left, left_grip, e.left_slip + _SLIP_LEAD * (e.left_slip - motion.left_slip))
+        right = _carried(right, right_grip, e.right_slip + _SLIP_LEAD * (e.right_slip - motion.right_slip))
+        return replace(
+            motion,
+            sent=left + right,
+            turning=right - left,
+            left_slip=e.left_slip,
+            right_slip=e.right_slip,
+            left_yield=limit - left_grip,
+            right_yield=limit - right_grip,
+        )
+
+    def _grip(self, grip: float, slip: float, torque: float, limit: float) -> float:
+        """The most torque that a wheel may have, N m, one period later: less where the torque adds to its slip."""
+        if slip * torque > 0.0:
+            return max(min(grip, abs(torque)) * (1.0 - _YIELD_RATE * self._period), min(_LEAST_GRIP, limit))
+        return min(grip + _REGAIN_RATE * self._period, limit)
 
     def braked(self, motion: Motion, torque: float, limit: float) -> Motion:
         """Send a sum of torques, N m, and hold no heading."""
@@ -281,7 +345,14 @@ def torques(motion: Motion) -> tuple[float, float]:
 
 def stopped(motion: Motion) -> Motion:
     """Send nothing."""
-    return replace(motion, sent=0.0, sent_before=motion.sent, turning=0.0, integral=0.0)
+    return replace(
+        motion, sent=0.0, sent_before=motion.sent, turning=0.0, integral=0.0, left_yield=0.0, right_yield=0.0
+    )
+
+
+def _carried(torque: float, grip: float, slip: float) -> float:
+    """What of a torque is sent to a wheel that has some grip, N m, and slips, m/s."""
+    return within(torque, max(grip - _SLIP_GAIN * abs(slip), 0.0) if slip * torque > 0.0 else grip)
 
 
 def _near(value: float, centre: float, distance: float) -> float:
