@@ -192,7 +192,10 @@ class SegwayController(SectionedModel):
     def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - nothing depends on the time
         """The next states."""
         linear, angular, stand = s[0], s[1], s[2]
-        self.estimate = self.estimator.advance(self.estimate, self.measured, resting=self.progress.is_resting)
+        progress = self.progress
+        self.estimate = self.estimator.advance(
+            self.estimate, self.measured, resting=progress.is_resting, may_slip=progress.may_slip
+        )
         self.progress = self.rules.advance(self.progress, self.estimate, stand=stand >= 0.5)  # noqa: PLR2004 - half way from 0 to 1
         self.motion = self.moved(linear, angular)
         return [linear, angular, stand, *astuple(self.estimate), *astuple(self.motion), *astuple(self.progress)]

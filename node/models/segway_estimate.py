@@ -15,6 +15,9 @@ proportion to the difference and by 1.3 m/s2 at most: so far off may the acceler
 what was taken for slip wrongly ends. Beyond 0.2 m/s a difference is slip; velocity and travel are without it. Where no
 wheel slips all is as the wheels roll, to the last bit. As in ABS and traction control, which compare wheels with a
 reference velocity: Gustafsson, "Slip-based tire-road friction estimation", Automatica 33 (1997).
+
+An IMU that fails looks like slip. Slip is looked for only where wheels are given the torque that makes them slip; in
+all other phases the law acts on the wheels as they turn, and safety sees at once what the IMU does.
 """
 
 from collections.abc import Mapping
@@ -119,8 +122,8 @@ class Estimator:
         pitch = atan2(-m.acceleration_x, m.acceleration_z)
         return Estimate(since=self._period, pitch=pitch, rotation=_rotation(m, pitch))
 
-    def advance(self, e: Estimate, m: SegwayMeasurement, *, resting: bool) -> Estimate:
-        """The estimate one period later; `resting` is whether the motors are off."""
+    def advance(self, e: Estimate, m: SegwayMeasurement, *, resting: bool, may_slip: bool = False) -> Estimate:
+        """The estimate one period later; whether the motors are off, and whether wheels are given enough to slip."""
         since, pitch, pitch_bias = e.since, e.pitch, e.pitch_bias
         if since == 0.0:
             return self.start(m)
@@ -130,7 +133,7 @@ class Estimator:
         rolled = self._radius * (0.5 * (left_velocity + right_velocity) + pitch_rate)
         gyro = m.gyro_z * cos_pitch - m.gyro_x * sin_pitch
         felt, left_slip, right_slip = rolled, 0.0, 0.0
-        if not resting:  # else no wheel slips by its motor
+        if may_slip:
             felt = self._felt(e, m, pitch_rate, rolled)
             # The left wheel rolls by that much slower than the middle, the right one faster.
             turned = self._half_track * (gyro - e.yaw_bias)

@@ -11,8 +11,8 @@ with u the sum of both wheels' torques and u[-1], u[-2] those on their way to th
 leans pitch_ref = PitchPerAcceleration a and the wheels push u_ref = TorquePerAcceleration a (in the linear model, with
 the pitch at rest). The heading is held by feedback of its error and of the yaw rate on the difference of the torques.
 
-A wheel that slips has more torque than its tyre carries, and loses grip by it: it is given less, the longer and
-the faster it slips, and more again, slowly, once it rolls.
+A wheel that slips while the robot stands up has more torque than its tyre carries, and loses grip by it: it is given
+less, the longer and the faster it slips, and more again, slowly, once it rolls.
 """
 
 import enum
@@ -93,6 +93,11 @@ class PhaseProgress(Value, frozen=True):
     def is_resting(self) -> bool:
         """Whether the motors give nothing."""
         return self.phase is Phase.RESTING or self.phase is Phase.GIVEN_UP
+
+    @property
+    def may_slip(self) -> bool:
+        """Whether wheels are given as much torque as makes them slip on an ordinary floor."""
+        return self.phase is Phase.STANDING_UP
 
 
 class PhaseRules:

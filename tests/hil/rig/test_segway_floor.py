@@ -15,7 +15,7 @@ from msgspec import structs
 from segway_ecc.hil.design.balance import Balance
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.safety.posture import Posture
 
 pytestmark = pytest.mark.mujoco
@@ -67,13 +67,11 @@ def _standing_up() -> Iterator[Trial]:
     for pitch, side in ((STOP, "front"), (-STOP, "rear")):
         for friction, fall in ((0.5, BOTH), (0.6, NONE), (0.8, NONE), (1.2, NONE)):
             yield Trial(f"friction {friction}, {side} bumper", _tyres(friction), pitch=pitch, fall=fall)
-    for pitch, side, slope, fall in (
-        (STOP, "front", -5.0, BOTH),
-        (STOP, "front", 5.0, BOTH),
-        (-STOP, "rear", -5.0, BOTH),
-        (-STOP, "rear", 5.0, ODRIVE),
-    ):
-        yield Trial(f"slope {slope:g} degrees, {side} bumper", {"Slope": math.radians(slope)}, pitch=pitch, fall=fall)
+    for pitch, side in ((STOP, "front"), (-STOP, "rear")):
+        for degrees in (-5.0, 5.0):
+            slope = math.radians(degrees)  # the stop is against the ground's normal, which leans back where it rises
+            fall = ODRIVE if (side, degrees) == ("rear", 5.0) else BOTH
+            yield Trial(f"slope {degrees:g} degrees, {side} bumper", {"Slope": slope}, pitch=pitch - slope, fall=fall)
 
 
 def _unlike() -> Iterator[Trial]:
@@ -121,9 +119,8 @@ def _balance_through(trial: Trial, robot: str) -> None:
     truth = balance.run(trial.duration, trial.script)
     reason = balance.loop.modes.reason
     if robot in trial.fall:
-        assert balance.modes[-1] is Mode.FAULT, reason
+        assert balance.modes[-1] in {Mode.FAULT, Mode.DISARMED}, reason
         assert not any(balance.commands[-1])
-        assert reason
     else:
         assert (balance.modes[-1], balance.postures[-1]) == (Mode.ARMED, Posture.BALANCING), reason
         assert abs(truth[-1].pitch) < 0.1
@@ -134,6 +131,31 @@ def _balance_through(trial: Trial, robot: str) -> None:
 @pytest.mark.parametrize("trial", [t for t in TRIALS if t.name in QUICK], ids=lambda t: t.name)
 def test_on_a_floor_it_stays_up_or_ends_without_torque(trial: Trial, robot: str) -> None:
     _balance_through(trial, robot)
+
+
+@pytest.mark.parametrize("robot", sorted(PLANTS))
+def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(robot: str) -> None:
+    balance = Balance(on_floor(robot), pitch=STOP)
+    speeds: dict[float, float] = {}
+
+    def look(at: float) -> Callable[[Balance], None]:
+        return lambda b: speeds.update({at: max(abs(b.plant.read(f"{side}.velocity")) for side in ("left", "right"))})
+
+    lifted = [UP_S + 0.02 * i for i in range(1, 100)]
+    script: Script = {
+        UP_S: lambda b: b.plant.write("Lift", 0.3),
+        **{at: look(at) for at in lifted},
+        7.0: lambda b: b.plant.write("Lift", 0.0),
+        9.0: lambda b: b.ask(Action.STAND_UP),
+    }
+    balance.run(12.0, script)
+    first, last = (round(at / balance.robot.period_ns * 1e9) for at in (UP_S + 0.25, 9.0))
+    assert all(mode is Mode.FAULT for mode in balance.modes[first:last])
+    assert not any(any(command) for command in balance.commands[first:last])
+    assert max(speeds.values()) < 80.0, "rad/s: 4 m/s"
+    assert max(speed for at, speed in speeds.items() if at > UP_S + 1.0) < 1.0, "friction stops what runs down"
+    assert [answer.accepted for answer in balance.answers] == [True]
+    assert (balance.modes[-1], balance.postures[-1]) == (Mode.ARMED, Posture.BALANCING)
 
 
 @pytest.mark.proof

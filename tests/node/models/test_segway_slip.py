@@ -5,7 +5,7 @@ import pytest
 
 from segway_ecc.node.models.segway import SegwayController
 from segway_ecc.node.models.segway_estimate import STANDARD_GRAVITY, Estimate, Estimator, SegwayMeasurement
-from segway_ecc.node.models.segway_law import Law, Motion, stopped, torques
+from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, stopped, torques
 
 PERIOD = 0.005
 DEFAULTS = {variable.name: variable.value for variable in SegwayController.parameters}
@@ -21,9 +21,9 @@ def measured(left: float = 0.0, right: float = 0.0, *, ahead: float = 0.0, yaw_r
     return SegwayMeasurement(0.0, left / RADIUS, 0.0, right / RADIUS, 0.0, 0.0, yaw_rate, ahead, 0.0, STANDARD_GRAVITY)
 
 
-def estimated(e: Estimate, m: SegwayMeasurement, periods: int = 1, *, resting: bool = False) -> Estimate:
+def estimated(e: Estimate, m: SegwayMeasurement, periods: int = 1, *, may_slip: bool = True) -> Estimate:
     for _ in range(periods):
-        e = ESTIMATOR.advance(e, m, resting=resting)
+        e = ESTIMATOR.advance(e, m, resting=False, may_slip=may_slip)
     return e
 
 
@@ -74,9 +74,15 @@ def test_a_blow_is_no_travel() -> None:
     assert (e.left_slip, e.felt_velocity) == (0.0, 0.0)
 
 
-def test_at_rest_nothing_slips() -> None:
-    e = estimated(UP, measured(2.0, -1.0), 3, resting=True)
+def test_where_no_wheel_may_slip_all_is_as_they_roll() -> None:
+    e = estimated(UP, measured(2.0, 1.0), 3, may_slip=False)
     assert (e.left_slip, e.right_slip) == (0.0, 0.0)
+    assert e.velocity == e.felt_velocity == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("phase", Phase)
+def test_only_standing_up_takes_so_much_torque_that_wheels_slip(phase: Phase) -> None:
+    assert PhaseProgress(phase).may_slip == (phase is Phase.STANDING_UP)
 
 
 def test_a_wheel_that_slips_is_sent_less_and_the_other_one_what_it_was() -> None:
