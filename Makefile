@@ -29,7 +29,7 @@ marked = $(shell grep -rl --include='test_*.py' 'mark\.$(1)\b' tests)
 # Many tests wait, for a browser, a guest or ROS, so more run than there are cores; tests/conftest.py orders them.
 # Robots in real time run one at a time, with nothing beside them.
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not rt_kernel' -n 3 --dist loadfile \
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not rt_kernel' -n 4 --dist loadfile \
 	    --no-loadscope-reorder
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and ros and not real_time' -n 4 --dist loadfile $(call marked,ros)
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' $(call marked,real_time)
