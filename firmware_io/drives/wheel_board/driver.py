@@ -64,7 +64,10 @@ class WheelBoard(PhasedDrive):
             SUPPLY_VOLTAGE: "V",
         }
         self.listens_to: Collection[FrameKey] = frozenset(FrameKey(frame_id) for frame_id in telemetry)
-        self.periods_s: Mapping[FrameKey, float] = {FrameKey(frame_id): CYCLE_TIME_S[frame_id] for frame_id in measured}
+        # A board behind a quicker loop may send as quickly.
+        self.periods_s: Mapping[FrameKey, float] = {
+            FrameKey(frame_id): min(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in measured
+        }
         self._link = link
         self._endpoint = Endpoint(link.send, telemetry)
         self._watchdog_s = settings.watchdog_s

@@ -522,3 +522,9 @@ def test_it_is_off_only_while_its_status_is_fresh_whatever_else_it_sends(bench: 
         bench.tell(FrameId.LEFT_WHEEL, Wheel(0.0, 0.0))
     said.append(bench.driver.is_off)
     assert said == [False, True, True, False]
+
+
+@pytest.mark.parametrize(("loop_period_s", "period_s"), [(0.02, 0.005), (0.005, 0.005), (0.001, 0.001)])
+def test_a_board_may_send_as_quickly_as_the_loop(link: Link, loop_period_s: float, period_s: float) -> None:
+    driver = WheelBoard(link, WheelBoardSettings(imu=True), loop_period_s)
+    assert set(driver.periods_s.values()) == {period_s}
