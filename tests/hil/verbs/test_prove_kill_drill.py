@@ -151,6 +151,13 @@ def test_what_cannot_be_done_is_reported_in_one_line(segway_ecc: Run, words: tup
 
 
 @pytest.mark.usefixtures("trials")
+def test_a_serial_line_does_not_carry_on_a_robot_whose_imu_is_on_the_bus_alone(segway_ecc: Run) -> None:
+    words = ["prove", "kill-drill", "segway-odrive", "--fault", "cable cut with serial line", "--json"]
+    (found,) = json.loads(segway_ecc(*words).out)["faults"]
+    assert found["expected"] == "torque ends"
+
+
+@pytest.mark.usefixtures("trials")
 def test_a_robot_that_names_a_serial_line_is_refused(segway_ecc: Run, tmp_path: Path) -> None:
     text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart-can.yaml").read_text("utf-8")
     path = tmp_path / "serial.yaml"
