@@ -10,7 +10,7 @@ torque it stays there, at anything else it falls, until it lies on a bumper.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Protocol
 
 from segway_ecc.hil.plants.cart import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
 from segway_ecc.hil.plants.segway_body import SegwayBody
@@ -72,6 +72,24 @@ def imu_errors(values: Mapping[str, float]) -> ImuErrors:
     share = values["SensorErrors"]
     errors = ImuErrors(*(share * values[variable.name] for variable in _IMU_ERRORS))
     return dataclasses.replace(errors, latency=values["ImuLatency"])
+
+
+class Moving(Protocol):
+    """What is shown of a body: m/s, rad/s, rad, rad, rad/s, as its attributes are called in `SegwayBody`."""
+
+    heading: float
+    v: float
+    w: float
+    pitch: float
+    q: float
+
+
+def shown(  # noqa: PLR0913, PLR0917 - all parts of a robot
+    left: Encoder, right: Encoder, imu: Sequence[float], place: tuple[float, float], body: Moving, battery: Battery
+) -> Sequence[float]:
+    """The values of `OUTPUTS`: encoders, IMU, and how it really is."""
+    wheels = left.angle, left.velocity, right.angle, right.velocity
+    return (*wheels, *imu, *place, body.heading, body.v, body.w, body.pitch, body.q, battery.voltage)
 
 
 class _Segway(SectionedModel):
@@ -191,22 +209,8 @@ class _Segway(SectionedModel):
 
     def output(self) -> Sequence[float]:
         """Encoders, IMU, and how it really is."""
-        left, right, body = self._left_encoder, self._right_encoder, self.body
-        return (
-            left.angle,
-            left.velocity,
-            right.angle,
-            right.velocity,
-            *self._imu_sample,
-            self._place_x,
-            self._place_y,
-            body.heading,
-            body.v,
-            body.w,
-            body.pitch,
-            body.q,
-            self.battery.voltage,
-        )
+        place = self._place_x, self._place_y
+        return shown(self._left_encoder, self._right_encoder, self._imu_sample, place, self.body, self.battery)
 
 
 class SegwayTorquePlant(_Segway):

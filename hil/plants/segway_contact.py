@@ -74,7 +74,6 @@ class _SegwayOnGround(SectionedModel):
         self.body = ContactBody(p, Terrain.from_model(values), pitch, backlash=values["Backlash"], seed=seed)
         self.battery = Battery(p)
         self._motors = [self.motor(p, self.step_size), self.motor(p, self.step_size)]
-        self._radius = p.wheel_radius
         self._disturbance: tuple[float, ...] = ()
         self._disturb()
         share = values["SensorErrors"]
@@ -108,7 +107,7 @@ class _SegwayOnGround(SectionedModel):
 
     def _shake(self) -> None:
         """Have the IMU measure, with the vibration of what rolls."""
-        rates, (ahead, left, up) = self.body.measured_motion()[:3], self.body.measured_motion()[3:]
+        *rates, ahead, left, up = self.body.measured_motion()
         shake = self.p["ImuVibration"] * self.body.v * math.sin(_SHAKES_PER_TURN * self.body.wheel_angles()[0])
         self._shaken = (*rates, ahead + shake, left, up + shake)
         if self._imu is not None:
@@ -130,29 +129,15 @@ class _SegwayOnGround(SectionedModel):
 
     def output(self) -> Sequence[float]:
         """Encoders, IMU, and how it really is."""
-        body, (left, right) = self.body, self._encoders
-        return (
-            left.angle,
-            left.velocity,
-            right.angle,
-            right.velocity,
-            *self._shaken,
-            body.x,
-            body.y,
-            body.heading,
-            body.v,
-            body.w,
-            body.pitch,
-            body.q,
-            self.battery.voltage,
-        )
+        left, right = self._encoders
+        return segway.shown(left, right, self._shaken, (self.body.x, self.body.y), self.body, self.battery)
 
 
 class SegwayContactTorquePlant(_SegwayOnGround):
     """Two wheel torques in (the wheel's, against the body); encoders, IMU and how it really is, out."""
 
     name = "segway-contact-torque-plant"
-    inputs = (Variable("left.torque", "N m"), Variable("right.torque", "N m"))
+    inputs = segway.SegwayTorquePlant.inputs
     motor = TorqueMotor
 
 
@@ -160,5 +145,5 @@ class SegwayContactPlant(_SegwayOnGround):
     """Two motor voltages in; encoders, IMU and how it really is, out."""
 
     name = "segway-contact-plant"
-    inputs = (Variable("left.voltage", "V"), Variable("right.voltage", "V"))
+    inputs = segway.SegwayPlant.inputs
     motor = VoltageMotor

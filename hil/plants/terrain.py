@@ -13,6 +13,7 @@ from typing import Final, NamedTuple, Self
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.models.segway_parameters import model_name
 
 LEFT, RIGHT, FRONT, REAR = "left", "right", "front", "rear"
 """What touches the ground: the wheels, and the bumpers."""
@@ -67,7 +68,7 @@ class Terrain:
         Raises:
             ModelError: A drop was asked for in the way of one wheel.
         """
-        terrain = cls(**{f.name: values[_model_name(f.name)] for f in fields(cls)})
+        terrain = cls(**{f.name: values[model_name(f.name)] for f in fields(cls)})
         if terrain.kerb_height < 0.0 and terrain.kerb_side:
             raise ModelError("a drop (KerbHeight below 0) is in both wheels' way: set KerbSide to 0")
         return terrain
@@ -120,14 +121,10 @@ def _block(begin: float, end: float, height: float, touched_by: tuple[str, ...] 
     return Piece(f'type="box" size="{size}" pos="{0.5 * (begin + end)} 0 {height - _DEEP}"', touched_by)
 
 
-def _model_name(field_name: str) -> str:
-    return "".join(word.capitalize() for word in field_name.split("_"))
-
-
 _LEVEL: Final = Terrain()
 TERRAIN_VARIABLES: Final = tuple(
     Variable(
-        _model_name(f.name),
+        model_name(f.name),
         f.metadata["unit"],
         getattr(_LEVEL, f.name),
         Write.RESET,

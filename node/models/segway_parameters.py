@@ -96,19 +96,20 @@ class SegwayParameters:
     @classmethod
     def from_model(cls, values: Mapping[str, float]) -> Self:
         """Take the parameters of a model that declares `VARIABLES`, by their names there."""
-        return cls(**{f.name: values[_model_name(f.name)] for f in fields(cls)})
+        return cls(**{f.name: values[model_name(f.name)] for f in fields(cls)})
 
 
 PUBLISHED: Final = SegwayParameters()
 
 
-def _model_name(field_name: str) -> str:
+def model_name(field_name: str) -> str:
+    """What a field is called as a parameter of a model: `body_mass` is `BodyMass`."""
     return "".join(word.capitalize() for word in field_name.split("_"))
 
 
 VARIABLES: Final = tuple(
     Variable(
-        _model_name(f.name),
+        model_name(f.name),
         f.metadata["unit"],
         getattr(PUBLISHED, f.name),
         Write.STATIC,
