@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What the IMU measures, against gravity and the wheels: noise is no motion, and a gyro that is off shows in time."""
 
-from math import atan2, copysign, cos, hypot, isfinite, nan, sin
+from math import atan2, copysign, cos, hypot, inf, isfinite, nan, sin
 from typing import Final
 
 from segway_ecc.node.safety.check import Check, View, periods_in
@@ -14,6 +14,10 @@ _LONGEST_GAP_S: Final = 0.1
 """After a longer gap it begins anew, s."""
 _MOST_LEARNT: Final = 0.25
 """A residual counts as a gyro's offset up to here, m/s: what lasts for a few samples is none."""
+_SHOCK: Final = 0.5
+"""A shock adds this much of the limit in one sample: what an IMU measures falsely for longer adds up."""
+_SHOCKS_APART_S: Final = 0.5
+"""A body strikes the floor once in this time, s; noise does not wait."""
 
 
 class GravityCheck(Check):
@@ -23,7 +27,9 @@ class GravityCheck(Check):
     up at -h rate sin(pitch). Both are also the integral of the specific force, turned upright by the pitch, without
     gravity. An observer with three equal poles (Luenberger, 1971, doi 10.1109/TAC.1971.1099826) estimates the velocity
     ahead, the pitch and the gyro's offset from the residual; the velocity up is that of a filter with the gain of the
-    first. Standing up, pushes and landing are motions that both show: they leave no residual. Noise does, soon.
+    first. Standing up, pushes and landing are motions that both show: they leave no residual. Noise does, soon. A
+    shock between two samples, as of a body that falls onto its stop, does too: the first that comes in one sample is
+    passed over, as a gap is.
 
     Attributes:
         is_credible: Whether the newest sample goes with those before; it does not where none does.
@@ -45,7 +51,9 @@ class GravityCheck(Check):
         self._offset_gain = pole**3 / GRAVITY
         self._period_s = period_s
         self._longest_gap = periods_in(_LONGEST_GAP_S, period_s)
-        self._missed = 0
+        self._shocks_apart = periods_in(_SHOCKS_APART_S, period_s)
+        self._missed = self._calm = 0
+        self._far = 0.0
         self._is_running = False
         self._pitch = self._rate = self._offset = self._ahead = self._up = 0.0
 
@@ -71,19 +79,24 @@ class GravityCheck(Check):
         swing = self._height * turned
         ahead = wheels + self._radius * turned + swing * cosine
         up = -swing * sine
-        if is_late:  # what happened meanwhile is not known
-            self._pitch, self._ahead, self._up = pitch, ahead, up
-            return None
         shown_ahead = self._ahead + elapsed_s * (x * cosine + z * sine)
         shown_up = self._up + elapsed_s * (z * cosine - x * sine - GRAVITY)
         off, off_up = ahead - shown_ahead, up - shown_up
-        far = hypot(off, off_up)
-        if not far <= self._most_velocity:
+        far, most = hypot(off, off_up), self._most_velocity
+        self._calm += periods
+        is_shock = not far <= most and self._calm > self._shocks_apart and _SHOCK * most < far - self._far < inf
+        if is_shock:
+            self._calm = 0
+        if is_shock or is_late:  # what happened meanwhile is not known
+            self._pitch, self._ahead, self._up, self._far = pitch, ahead, up, 0.0
+            return None
+        if not far <= most:
             self._is_running = self.is_credible = False
             return (
                 f"the IMU does not measure how the robot moves: against gravity and the wheels it is off by {far:.2f} "
-                f"m/s, beyond {self._most_velocity:g} m/s"
+                f"m/s, beyond {most:g} m/s"
             )
+        self._far = far
         gain = elapsed_s * self._velocity_gain
         self._ahead = shown_ahead + gain * off
         self._up = shown_up + gain * off_up
@@ -99,6 +112,7 @@ class GravityCheck(Check):
         """Begin with a sample that may be one of a body at rest."""
         self.is_credible = self._is_running = abs(hypot(x, z) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
+        self._calm = 0
         swing = self._height * rate
         self._ahead = wheels + self._radius * rate + swing * cos(self._pitch)
         self._up = -swing * sin(self._pitch)

@@ -195,8 +195,8 @@ def test_while_it_has_not_begun_nothing_is_a_fault_and_nothing_is_credible() -> 
 def test_after_noise_it_begins_anew_and_forgets_what_it_learnt() -> None:
     check = check_of()
     list(looks(check, [REST, *[(0.0, 0.0, 0.3, 0.0, G)] * 2000]))
-    place, _ = first_fault(check, [(20.0, 20.0, 0.3, 0.0, G)])
-    assert place == 0
+    place, _ = first_fault(check, [(20.0, 20.0, 0.3, 0.0, G), REST])
+    assert place == 1, "the first is a shock"
     assert not check.is_credible
     assert set(looks(check, [leaning(0.5)] * 4000)) == {None}
     assert check.is_credible
@@ -218,6 +218,64 @@ def test_an_imu_high_up_learns_as_its_equations_have_it() -> None:
         expected += 1
     place, _ = first_fault(check_of(settings), [REST, *[(0.0, 0.0, given, 0.0, G)] * 20_000])
     assert place == pytest.approx(expected, rel=0.01)
+
+
+def struck(speed: float) -> Sample:
+    """A motion ahead that begins between two samples, m/s, and of which the IMU shows nothing."""
+    return speed / RADIUS, speed / RADIUS, 0.0, 0.0, G
+
+
+def test_a_body_that_falls_onto_its_stop_is_no_fault_of_the_imu() -> None:
+    check = check_of(replace(SETTINGS, velocity_m_s=0.2))
+    fall = list(moving(lambda t: 0.05 * math.cosh(4.0 * t), lambda _: 0.0, 0.9))
+    assert abs(fall[-1][2]) * HEIGHT > 1.0, "m/s, and none in the next sample"
+    assert set(looks(check, [*fall, *[leaning(0.05 * math.cosh(4.0 * 0.9))] * 500])) == {None}
+    assert check.is_credible
+
+
+def test_a_shock_is_passed_over_once_in_half_a_second() -> None:
+    for calm, passed in ((498, False), (499, False), (500, True)):
+        check = check_of()
+        assert set(looks(check, [REST] * 600)) == {None}
+        assert list(looks(check, [struck(0.6)])) == [None]
+        assert set(looks(check, [struck(0.6)] * calm)) == {None}
+        assert (list(looks(check, [REST])) == [None]) is passed
+
+
+def test_the_first_shock_comes_half_a_second_after_the_beginning_at_the_earliest() -> None:
+    for calm, passed in ((500, False), (501, True)):
+        check = check_of()
+        assert set(looks(check, [REST] * calm)) == {None}
+        assert (list(looks(check, [struck(0.6)])) == [None]) is passed
+    check = check_of()
+    assert set(looks(check, [REST] * 167, periods=3)) == {None}
+    assert list(looks(check, [struck(0.6)], periods=3)) == [None]
+
+
+def test_a_shock_comes_in_one_sample() -> None:
+    """Half of the limit at once, and more: what was off before is no shock."""
+    for first, passed in ((0.24, True), (0.27, False)):
+        check = check_of(replace(SETTINGS, settle_s=1e6, gyro_rad_s=1.0))
+        assert set(looks(check, [REST] * 600)) == {None}
+        assert set(looks(check, [struck(first)] * 10)) == {None}
+        assert (list(looks(check, [struck(0.51)])) == [None]) is passed
+
+
+def test_what_was_off_before_a_gap_is_forgotten() -> None:
+    check = check_of(replace(SETTINGS, settle_s=1e6, gyro_rad_s=1.0))
+    list(looks(check, [REST] * 600))
+    list(looks(check, [struck(0.49)]))
+    assert look_blind(check, 1) is None
+    assert list(looks(check, [struck(0.49)])) == [None]
+    assert list(looks(check, [struck(1.0)])) == [None], "a shock: nothing was off before"
+
+
+def test_after_a_new_beginning_no_shock_is_passed_over_for_half_a_second() -> None:
+    check = check_of()
+    list(looks(check, [REST] * 600))
+    assert look_blind(check, 100) is None
+    assert list(looks(check, [REST, REST])) == [None, None]
+    assert list(looks(check, [struck(0.6)])) != [None]
 
 
 def test_one_gap_is_not_another() -> None:
