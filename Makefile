@@ -1,7 +1,8 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
+# make test-variants  what they show once, with every other model, compiler, fault and screen
+# make test-kernels   those that need a kernel with CAN, or a PREEMPT_RT kernel and two CAN controllers, in emulated machines
 # make page    of these, the base station's page in a browser, with a report of its screenshots
-# make rt-test the tests that need a PREEMPT_RT kernel and two CAN controllers, in an emulated machine
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make docs    the documentation as a site, in out/site
@@ -13,12 +14,12 @@
 
 VENV := .venv
 READY := $(VENV)/.ready
-QUICK := not proof and not image
+QUICK := not proof and not image and not variant
 
 # Where the environment forbids bytecode, each process that a test starts compiles all it imports, and each worker every test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run test rt-test test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
+.PHONY: run test test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -29,14 +30,17 @@ marked = $(shell grep -rl --include='test_*.py' 'mark\.$(1)\b' tests)
 # Many tests wait, for a browser, a guest or ROS, so more run than there are cores; tests/conftest.py orders them.
 # Robots in real time run one at a time, with nothing beside them.
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not rt_kernel' -n 4 --dist loadfile \
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not kernel and not rt_kernel' -n 4 --dist loadfile \
 	    --no-loadscope-reorder
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and ros and not real_time' -n 4 --dist loadfile $(call marked,ros)
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' $(call marked,real_time)
 
+test-variants: $(READY)
+	$(VENV)/bin/python -m pytest -m 'variant and not proof and not image' -n 4 --dist loadfile --no-loadscope-reorder
+
 # Emulated instruction by instruction, it takes a core for minutes, and anything beside it in real time would be late.
-rt-test: $(READY)
-	$(VENV)/bin/python -m pytest -m 'rt_kernel and $(QUICK)'
+test-kernels: $(READY)
+	$(VENV)/bin/python -m pytest -m '(kernel or rt_kernel) and $(QUICK)' $(call marked,kernel) $(call marked,rt_kernel)
 
 # Run from where no sources are.
 COMPILED := .venv-compiled
@@ -64,7 +68,7 @@ docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
 
 page: $(READY)
-	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 2 --dist loadfile tests/deploy/station
+	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 4 --dist loadfile tests/deploy/station
 	$(VENV)/bin/python tests/deploy/station/album.py out/page
 
 # The image, built and booted. With proofs of many minutes: make boot PROOFS=

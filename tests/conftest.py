@@ -83,9 +83,28 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             (pytest.fail if required() else pytest.skip)(f"needs {marker}: {lacking}; {cure}")
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    _mark_variants(items)
+    _check_that_marked_files_are_found(items)
+
+
+def _mark_variants(items: list[pytest.Item]) -> None:
+    """Mark as `variant` what comes behind the first of a test with the marker `variants`."""
+    counts = Counter[str]()
+    for item in items:
+        marker = item.get_closest_marker("variants")
+        if marker is None:
+            continue
+        test = item.nodeid.partition("[")[0]
+        counts[test] += 1
+        if counts[test] > marker.args[0]:
+            item.add_marker("variant")
+
+
+def _check_that_marked_files_are_found(items: list[pytest.Item]) -> None:
     """The Makefile finds the files of these markers by their text."""
-    for marker in ("ros", "real_time"):
+    for marker in ("ros", "real_time", "kernel", "rt_kernel"):
         marked = {item.path for item in items if item.get_closest_marker(marker) is not None}
         hidden = [str(path) for path in sorted(marked) if f"mark.{marker}" not in path.read_text(encoding="utf-8")]
         if hidden:
@@ -95,11 +114,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 class LongestFirst:
     """Gives out the files that take longest first, where workers share them, so that none ends long after the others.
 
-    A guest takes longest; then come files that start a browser or a compiler, then those of `LONG`; in each, those
-    with the most tests.
+    First come files that start a browser or a compiler, then those of `LONG`; in each, those with the most tests.
     """
 
-    KINDS: Final = (("kernel",), ("browser", "compiler"))
+    KINDS: Final = ("browser", "compiler")
     LONG: Final = tuple(Path(__file__).parent / name for name in ("hil", "deploy/release", "node/replay"))
     """Folders whose tests run whole robots, or install on one."""
 
@@ -110,8 +128,9 @@ class LongestFirst:
         items.sort(key=lambda item: (ranks[item.path], -counts[item.path], str(item.path)))
 
     def _rank(self, item: pytest.Item) -> int:
-        found = (rank for rank, kind in enumerate(self.KINDS) if any(map(item.get_closest_marker, kind)))
-        return next(found, len(self.KINDS) + (not any(folder in item.path.parents for folder in self.LONG)))
+        if any(map(item.get_closest_marker, self.KINDS)):
+            return 0
+        return 1 if any(folder in item.path.parents for folder in self.LONG) else 2
 
 
 def pytest_configure(config: pytest.Config) -> None:

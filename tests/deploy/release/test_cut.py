@@ -40,6 +40,7 @@ def cut_push(robot: Robot, sshd: Sshd, version: str, at: str) -> None:
     robot.check_works()
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("at", BEFORE)
 @pytest.mark.usefixtures("running")
 def test_cut_before_the_switch_nothing_is_switched(module_robot: Robot, sshd: Sshd, ssh_host: Host, at: str) -> None:
@@ -52,6 +53,7 @@ def test_cut_before_the_switch_nothing_is_switched(module_robot: Robot, sshd: Ss
     module_robot.check_works()
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("at", AFTER)
 @pytest.mark.usefixtures("running")
 def test_cut_after_the_switch_the_robot_ends_by_itself_what_it_began(

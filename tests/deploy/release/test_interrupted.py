@@ -13,6 +13,7 @@ from segway_ecc.deploy.release.host import agent_archive
 from tests.deploy.release.robot import LocalHost, Robot
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("phase", ["switch", "restart", "trial", "back"])
 def test_after_a_power_cut_the_boot_goes_back_before_anything_starts(
     robot: Robot, local: LocalHost, phase: str

@@ -25,6 +25,7 @@ def killed_push(robot: Robot, version: str, kill_at: str) -> None:
     robot.check_works()
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("at", STEPS)
 @pytest.mark.usefixtures("running")
 def test_killed_at_a_step(module_robot: Robot, at: str) -> None:
@@ -37,6 +38,7 @@ def test_killed_at_a_step(module_robot: Robot, at: str) -> None:
     assert module_robot.store.incomplete() == []
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("at", ["trial", "back"])
 @pytest.mark.usefixtures("running")
 def test_killed_in_the_trial_of_a_broken_version_the_next_push_goes_back_first(module_robot: Robot, at: str) -> None:

@@ -73,6 +73,7 @@ def test_node_without_reported_mode_counts_as_armed(robot: Robot, local: LocalHo
         robot.push(local, "1.0")
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     ("version", "reason"),
     [

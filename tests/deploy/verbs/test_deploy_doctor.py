@@ -136,6 +136,7 @@ ENDS = {
 }
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(("in_step", "at_import", "where", "cause"), ENDS.values(), ids=ENDS)
 def test_a_model_that_ends_its_process_is_one_finding_beside_all_others(
     tmp_path: Path, in_step: str, at_import: str, where: str, cause: str

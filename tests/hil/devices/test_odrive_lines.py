@@ -80,6 +80,7 @@ class Bench:
         return seen[fault_at:]
 
 
+@pytest.mark.variants(4)
 @pytest.mark.parametrize(("baudrate", "torque_gap_ms"), [(460_800, 60), (921_600, 60)])
 @pytest.mark.parametrize("fault", LinkFault)
 def test_the_robot_goes_on_over_the_serial_line_whatever_happens_to_the_bus(

@@ -83,6 +83,7 @@ def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, clear_at: int
     return Drive((x, y), loop, list(robot.hardware.switching.switches), link.owner_name)
 
 
+@pytest.mark.variants(6)
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("fault", LinkFault)
 def test_the_serial_line_carries_the_cart_on_within_50_ms(robot: str, fault: LinkFault) -> None:

@@ -127,12 +127,14 @@ def _balance_through(trial: Trial, robot: str) -> None:
         assert abs(truth[-1].x) < 1.5
 
 
+@pytest.mark.variants(3)
 @pytest.mark.parametrize("robot", sorted(PLANTS))
 @pytest.mark.parametrize("trial", [t for t in TRIALS if t.name in QUICK], ids=lambda t: t.name)
 def test_on_a_floor_it_stays_up_or_ends_without_torque(trial: Trial, robot: str) -> None:
     _balance_through(trial, robot)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("robot", sorted(PLANTS))
 def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(robot: str) -> None:
     balance = Balance(on_floor(robot), pitch=STOP)

@@ -54,12 +54,14 @@ def ending(make: Maker, tmp_path_factory: pytest.TempPathFactory, request: pytes
     return noisy(make, tmp_path_factory.mktemp("ending"), request.param, LATER.format(choice))
 
 
+@pytest.mark.variants(6)
 @pytest.mark.parametrize("call", ENDINGS)
 def test_a_step_that_would_end_the_process_fails(ending: Path, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(CHOSEN, str(list(ENDINGS).index(call)))
     assert ENDINGS[call] in failure(ending)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class", "binary"])
 def test_other_system_calls_by_number_are_made_as_they_are(make: Maker, tmp_path: Path, shape: str) -> None:
     writes = "syscall(SYS_pipe2, ends, O_CLOEXEC); syscall(SYS_write, ends[1], &c, 1L); c = 0;"
@@ -74,6 +76,7 @@ def test_initial_equations_that_would_end_the_process_fail(make: Maker, tmp_path
         load_native(path).initialize([0.0])
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     ("thrown", "reason"),
     [('std::runtime_error("no root")', "it threw an exception: no root"), ("7", "it threw what is no std::exception")],

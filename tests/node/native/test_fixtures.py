@@ -36,17 +36,20 @@ def _check_finite(made: Made) -> list[list[float]]:
     return rows
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("spec", more_models.ALL, ids=_ids)
 def test_every_model_gives_the_same_outputs_in_each_style(make: Maker, spec: Spec) -> None:
     outputs = _check_finite(make.submodel(spec))
     assert _check_finite(make.submodel(spec, Style.V46, "tank")) == outputs
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("spec", [models.PID, models.OSCILLATOR, models.LIMITER, models.MATRICES], ids=_ids)
 def test_every_class_gives_the_submodels_outputs(make: Maker, spec: Spec) -> None:
     assert _check_finite(make.cpp_class(spec)) == _check_finite(make.submodel(spec))
 
 
+@pytest.mark.variants(3)
 @pytest.mark.parametrize("kind", FmuKind)
 @pytest.mark.parametrize("spec", [models.CART, models.PID, models.OSCILLATOR, models.MATRICES], ids=_ids)
 def test_every_fmu_gives_the_submodels_outputs(make: Maker, spec: Spec, kind: FmuKind) -> None:
@@ -73,11 +76,13 @@ def test_partial_copy_has_a_whole_models_equations(make: Maker) -> None:
     assert _check_finite(made) == _check_finite(make.submodel(models.TANK))
 
 
+@pytest.mark.variants(3)
 @pytest.mark.parametrize("name", RUNNABLE)
 def test_variants_run(make: Maker, name: str) -> None:
     _check_finite(make.variant(name))
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("name", ["wrong_case_header", "stale_xml", "odd_folder", "build_copies", "algebraic_loop"])
 def test_variants_compute_what_the_plain_model_does(make: Maker, name: str) -> None:
     assert _check_finite(make.variant(name)) == _check_finite(make.submodel(models.TANK))

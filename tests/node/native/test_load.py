@@ -16,6 +16,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "compiled"))
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     ("shape", "flavour"),
     [("submodel", Flavour.C_SUBMODEL), ("cpp_class", Flavour.CPP_CLASS), ("partial", Flavour.C_PARTIAL)],
@@ -60,6 +61,7 @@ def test_a_folder_that_is_not_there_is_named(tmp_path: Path, monkeypatch: pytest
         load_model(source)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_parameters_act_from_the_start_in_static_equations(make: Maker, shape: str) -> None:
     model = load_model(str(getattr(make, shape)(models.TANK).path), {r"Setpoint\C": 30.0, r"Tank\area": 4.0})
@@ -69,6 +71,7 @@ def test_parameters_act_from_the_start_in_static_equations(make: Maker, shape: s
     assert model.initialize([0.0]) == [5.0]
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_parameters_act_from_the_start_in_initial_equations(make: Maker, shape: str) -> None:
     model = load_model(str(getattr(make, shape)(more_models.INITIAL).path), {r"Body\start": 20.0})

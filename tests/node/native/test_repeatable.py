@@ -41,6 +41,7 @@ def outputs(path: Path, seed: int = 1) -> list[str]:
     return subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class", "partial", "fmu", "binary"])
 def test_every_instance_start_and_process_draws_the_same(make: Maker, tmp_path: Path, shape: str) -> None:
     path = noisy(make, tmp_path, shape, DRAWS)
@@ -50,6 +51,7 @@ def test_every_instance_start_and_process_draws_the_same(make: Maker, tmp_path: 
     assert "it calls" not in str(load_native(path).description.warnings)
 
 
+@pytest.mark.variants(1)
 @SHAPES
 def test_time_counts_the_models_own_seconds(make: Maker, tmp_path: Path, shape: str) -> None:
     model = load_native(noisy(make, tmp_path, shape, "return (double) time(NULL);"))
@@ -110,6 +112,7 @@ REST = (
 )
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     ("shape", "body", "names"),
     [
@@ -132,6 +135,7 @@ LINKED = {
 }
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("flags", LINKED.values(), ids=LINKED)
 def test_a_binary_fmu_draws_its_own_numbers_however_it_is_linked(
     make: Maker, tmp_path: Path, flags: Sequence[str]

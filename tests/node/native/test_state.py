@@ -46,6 +46,7 @@ def words_of(state: bytes) -> list[tuple[int, int]]:
     return list(WORD.iter_unpack(memory))
 
 
+@pytest.mark.variants(1)
 @SHAPES
 def test_another_instance_goes_on_from_it_random_numbers_included(make: Maker, tmp_path: Path, shape: str) -> None:
     path = noisy(make, tmp_path, shape, DRAWS)
@@ -61,6 +62,7 @@ def test_another_instance_goes_on_from_it_random_numbers_included(make: Maker, t
         assert other.save_state() != state
 
 
+@pytest.mark.variants(1)
 @SHAPES
 def test_it_can_be_initialized_again_behind_it(make: Maker, tmp_path: Path, shape: str) -> None:
     path = noisy(make, tmp_path, shape, DRAWS)

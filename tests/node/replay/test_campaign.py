@@ -21,6 +21,7 @@ def named(trial: ScenarioRun) -> str:
     return f"{trial.scenario.name}-{trial.robot}"
 
 
+@pytest.mark.variants(6)
 @pytest.mark.parametrize("trial", SAMPLE, ids=named)
 def test_the_replay_of_a_run_is_identical(trial: ScenarioRun, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"

@@ -67,6 +67,7 @@ def close_early(path: Path, number: int, other: Path) -> None:
     replace(path, number, drive(other.with_name("short.mcap"), *BORDERS[: number - 1]))
 
 
+@pytest.mark.variants(6)
 @pytest.mark.parametrize("number", PARTS)
 @pytest.mark.parametrize(
     "change", [drop, duplicate, duplicate_over_the_next, swap, replace, replace_and_all_behind, close_early]

@@ -136,6 +136,7 @@ def test_a_whole_log_is_compared_with_every_snapshot(path: Path) -> None:
     assert taken == [100, 200, 300, 400]
 
 
+@pytest.mark.variants(6)
 @pytest.mark.parametrize("name", ["cart-can", "cart-cia402", "cart-odrive", "cart-vesc", "segway", "segway-odrive"])
 @pytest.mark.parametrize(
     "fault",
@@ -168,6 +169,7 @@ def test_robots_of_all_kinds_go_on_from_a_snapshot(
     assert behind[1] - behind[0] > 30
 
 
+@pytest.mark.variants(1)
 @pytest.mark.compiler
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_generated_code_goes_on_with_its_random_numbers(
@@ -319,6 +321,7 @@ def test_a_log_without_snapshots_is_replayed_as_far_as_it_goes(path: Path) -> No
     assert (outcome.stretches, outcome.behind, outcome.refusal) == ([(0, 149)], CYCLES - 151, "")
 
 
+@pytest.mark.variants(6)
 @pytest.mark.parametrize("seed", range(25))
 def test_a_snapshot_with_flipped_bytes_raises_nothing_and_is_never_a_whole_log(path: Path, seed: int) -> None:
     chance = np.random.default_rng(seed)
@@ -347,6 +350,7 @@ def with_text_at(tree: Any, place: int) -> tuple[Any, int]:
     return (made if isinstance(tree, dict) else list(made.values()) if isinstance(tree, list) else tree), place
 
 
+@pytest.mark.variants(10)
 @pytest.mark.parametrize("place", range(0, 240, 6))
 def test_a_text_where_a_number_belongs_is_damage_or_a_difference(path: Path, place: int) -> None:
     def spoil(snapshot: Snapshot) -> Snapshot:
@@ -379,6 +383,7 @@ def test_a_snapshot_that_cannot_be_decoded_is_damage_where_nothing_is_missing(pa
     assert text.startswith("the state before cycle 200 cannot be compared: ")
 
 
+@pytest.mark.variants(5)
 @pytest.mark.parametrize("seed", range(20))
 def test_a_log_with_a_flipped_byte_is_compared_but_for_the_chunk_and_up_to_a_second_behind_it(
     path: Path, seed: int

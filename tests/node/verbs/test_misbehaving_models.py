@@ -100,6 +100,7 @@ def replayed(folder: Path) -> str:
     return call(folder, "log", "replay", "run.mcap").out
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("misbehaviour", DIES)
 def test_a_model_that_ends_the_process_is_reported_with_a_whole_log(folder: Path, misbehaviour: str) -> None:
     number, cause = DIES[misbehaviour]
@@ -117,6 +118,7 @@ def test_the_line_of_python_is_named(folder: Path) -> None:
     assert line.endswith(f"tank.py:{number})")
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("misbehaviour", NEVER_RETURNS, ids=NEVER_RETURNS.values())
 def test_a_step_that_never_returns_is_ended(folder: Path, misbehaviour: str) -> None:
     ended = drive(folder, misbehaviour)
@@ -180,6 +182,7 @@ REPLAY_ENDS = {
 }
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("misbehaviour", REPLAY_ENDS)
 def test_a_replay_whose_model_ends_the_process_is_reported(folder: Path, misbehaviour: str) -> None:
     code, cause = REPLAY_ENDS[misbehaviour]

@@ -40,6 +40,7 @@ NOT_NOW: dict[str, tuple[dict[str, object], str]] = {
 }
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("act", STATES)
 def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, act: str) -> None:
     station.robot(**STATES[act])
@@ -50,6 +51,7 @@ def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, ac
     shows(page, "#command-state", "Alice: done")
 
 
+@pytest.mark.variants(3)
 @pytest.mark.parametrize("act", NOT_NOW)
 def test_disabled_button_shows_reason(page: "Page", station: FakeStation, act: str) -> None:
     fields, why = NOT_NOW[act]

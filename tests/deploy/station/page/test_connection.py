@@ -30,6 +30,7 @@ def _shut(station: FakeStation) -> None:
 TROUBLE = {"no picture comes": _fall_silent, "its time stands still": _stand_still, "the socket is closed": _shut}
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("trouble", TROUBLE)
 def test_stale_picture_is_reported_and_greyed(page: "Page", station: FakeStation, trouble: str) -> None:
     gone(page, "#stale")

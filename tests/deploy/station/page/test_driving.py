@@ -48,6 +48,7 @@ def _stick(page: "Page") -> tuple[float, float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["width"] / 2
 
 
+@pytest.mark.variants(4)
 @pytest.mark.parametrize(
     ("keys", "linear", "angular"),
     [
@@ -122,6 +123,7 @@ ENDS: dict[str, Callable[[Any, FakeStation], object]] = {
 }
 
 
+@pytest.mark.variants(5)
 @pytest.mark.parametrize("way", ENDS)
 def test_the_hold_ends(page: "Page", station: FakeStation, way: str) -> None:
     station.robot("/bob", **armed(name="Bob"))
@@ -183,6 +185,7 @@ WHY_NOT: dict[str, dict[str, object]] = {
 }
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("why", WHY_NOT)
 def test_refused_driving_sends_nothing_and_shows_reason(page: "Page", station: FakeStation, why: str) -> None:
     station.robot(**WHY_NOT[why])
@@ -220,6 +223,7 @@ def test_keys_in_a_field_do_not_drive(page: "Page", station: FakeStation, place:
     assert station.drives == []
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize(
     ("lean", "linear", "angular"),
     [
@@ -242,6 +246,7 @@ def test_the_joystick_drives_as_far_as_it_leans(
     assert station.drives[-1].angular == pytest.approx(angular, abs=0.01)
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize("way", ["release", "pointerup", "pointercancel", "pointerleave", "lostpointercapture", "stop"])
 def test_the_hold_of_the_joystick_ends(page: "Page", station: FakeStation, way: str) -> None:
     page.evaluate("() => addEventListener('pointerdown', (event) => { window.pointer = event.pointerId; }, true)")

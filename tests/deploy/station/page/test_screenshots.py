@@ -63,6 +63,7 @@ def _move(station: FakeStation, frames: int) -> None:
         station.wait_frames(1)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_the_main_states_fit_the_screen(

@@ -23,6 +23,7 @@ def _figures(page: "Page") -> dict[str, str]:
     return {entry.locator("dt").inner_text(): entry.locator("dd").inner_text() for entry in entries}
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("mode", ["DISARMED", "ARMED", "HOLD", "FAULT"])
 def test_mode_is_shown_with_colour_and_reason(page: "Page", station: FakeStation, mode: str) -> None:
     station.robot(mode=mode, reason=f"why {mode}")

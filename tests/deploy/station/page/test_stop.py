@@ -34,6 +34,7 @@ def _acts(station: FakeStation) -> list[Act]:
     return [command.act for command in station.commands]
 
 
+@pytest.mark.variants(5)
 @pytest.mark.parametrize(("place", "key"), STOPS)
 def test_one_key_stops_from_anywhere(page: "Page", station: FakeStation, place: str, key: str) -> None:
     if place != "body":

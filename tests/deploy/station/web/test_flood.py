@@ -19,6 +19,7 @@ LIMITS = Limits(requests=Rate(10.0, 50))
 """Of which the flood sends too many also from a machine that is busy with something else."""
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("address", ["127.0.0.2", "127.0.0.1"], ids=["of another address", "of the operator's own"])
 def test_a_flood_is_refused_and_the_station_goes_on(address: str, tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:

@@ -48,11 +48,13 @@ def run(model: FmuModel, steps: int, writes: dict[int, tuple[str, float]] | None
 
 
 class TestNumbers:
+    @pytest.mark.variants(2)
     @SHAPES
     def test_are_those_of_the_fmu_driven_in_c(self, shape: Shape, packed: Callable[..., Path], tmp_path: Path) -> None:
         # The experiment in the FMU ends after 1 s, and these are 100 s.
         assert run(load_fmu(packed(shape)), STEPS) == truth(shape, tmp_path, STEPS)
 
+    @pytest.mark.variants(2)
     @SHAPES
     def test_follow_writes_to_parameters(self, shape: Shape, packed: Callable[..., Path], tmp_path: Path) -> None:
         rows = run(load_fmu(packed(shape)), 300, {100: ("Controller.gain", 2.0), 200: ("Plant.scale factor", 3.0)})
@@ -95,6 +97,7 @@ class TestNumbers:
         model.terminate()
         assert run(model, 100) == first == truth(shape, tmp_path, 100)
 
+    @pytest.mark.variants(2)
     @SHAPES
     def test_are_the_same_from_its_sources(self, shape: Shape, packed: Callable[..., Path], tmp_path: Path) -> None:
         names = ("binaries/linux64/tiny.so", "binaries/x86_64-linux/tiny.so")

@@ -52,6 +52,7 @@ def run(
     return rows
 
 
+@pytest.mark.variants(4)
 @KINDS
 @SPECS
 def test_numbers_are_those_of_the_binary_driven_in_c(spec: Spec, kind: FmuKind, make: Maker) -> None:
@@ -98,6 +99,7 @@ def test_a_state_takes_effect_while_it_runs(kind: FmuKind, make: Maker) -> None:
     assert rows == native_outputs(made, given(models.OSCILLATOR), 200, [Write(50, "s", 0, 0.25)])
 
 
+@pytest.mark.variants(1)
 @KINDS
 def test_an_initial_value_takes_effect_at_the_next_start(kind: FmuKind, make: Maker, tmp_path: Path) -> None:
     spec = models.TANK
@@ -109,6 +111,7 @@ def test_an_initial_value_takes_effect_at_the_next_start(kind: FmuKind, make: Ma
     assert run(model, given(spec), 200) == expected
 
 
+@pytest.mark.variants(1)
 @KINDS
 def test_a_parameter_of_initial_equations_takes_effect_at_the_next_start(
     kind: FmuKind, make: Maker, tmp_path: Path
@@ -129,6 +132,7 @@ def test_a_tool_wrapper_is_refused(make: Maker) -> None:
         load_fmu(make.variant("tool_wrapper").path)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("name", ["source_fmu", "latin1_fmu"])
 def test_variants_give_the_numbers_of_the_plain_fmu(name: str, make: Maker) -> None:
     made = make.variant(name)

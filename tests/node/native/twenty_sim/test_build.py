@@ -59,6 +59,7 @@ def state_of(folder: Path) -> list[tuple[str, str, int]]:
     ]
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_a_model_is_compiled_once_wherever_it_lies(
     make: Maker, compilers: Compilers, tmp_path: Path, shape: str
@@ -120,6 +121,7 @@ def test_two_processes_at_once_do_not_break_each_other(make: Maker, cache: Path)
     assert len(list(cache.iterdir())) == 1
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class", "partial"])
 def test_the_users_folder_is_only_read(make: Maker, tmp_path: Path, shape: str) -> None:
     path = shutil.copytree(getattr(make, shape)(models.LIMITER).path, tmp_path / "limiter")
@@ -130,6 +132,7 @@ def test_the_users_folder_is_only_read(make: Maker, tmp_path: Path, shape: str) 
     assert state_of(path) == before
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("layout", list(Layout))
 def test_paths_may_hold_any_character(tmp_path: Path, layout: Layout) -> None:
     folder = tmp_path / 'Übung 3 "für" Peter\'s $HOME'
@@ -141,6 +144,7 @@ def test_headers_under_another_spelling_are_found(make: Maker) -> None:
     assert load_native(make.variant("wrong_case_header").path).initialize([0.0]) == [10.0]
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("gone", ["MotionProfiles", "EulerAngles"])
 def test_headers_that_only_declare_what_is_not_called_are_supplied(make: Maker, tmp_path: Path, gone: str) -> None:
     path = shutil.copytree(make.submodel(models.TANK).path, tmp_path / "tank")

@@ -50,6 +50,7 @@ def test_a_table_that_is_not_there_is_named(tank: Path) -> None:
         load_native(tank)
 
 
+@pytest.mark.variants(1)
 def test_a_table_is_read_wherever_the_process_runs(tank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tank / "tables").mkdir()
     (tank / "tables" / "gains.txt").write_text("0.75\n", encoding="utf-8")
@@ -59,6 +60,7 @@ def test_a_table_is_read_wherever_the_process_runs(tank: Path, tmp_path: Path, m
     assert model.step([0.0]) == [0.75]
 
 
+@pytest.mark.variants(1)
 def test_another_table_is_another_model(tank: Path) -> None:
     for value in ("0.25", "0.5"):
         (tank / "Gains.txt").write_text(value, encoding="utf-8")

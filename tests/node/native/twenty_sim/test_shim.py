@@ -39,6 +39,7 @@ def assert_native(made: Made, model: NativeModel) -> None:
     assert rows(model, inputs, STEPS) == native_outputs(made, inputs, STEPS)
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize(
     ("spec", "style", "prefix"),
     [
@@ -58,6 +59,7 @@ def test_a_c_submodel_computes_what_its_code_does(make: Maker, spec: Spec, style
     assert_native(made, load_native(made.path))
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     ("spec", "layout", "xml"),
     [
@@ -82,6 +84,7 @@ def test_a_cpp_class_computes_what_its_code_does(
     assert_native(made, load_native(made.path))
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     "spec", [models.PID, models.TANK, models.OSCILLATOR, models.CART], ids=lambda spec: spec.method
 )
@@ -90,6 +93,7 @@ def test_a_partial_copy_is_integrated_as_its_own_code_would(make: Maker, spec: S
     assert_native(made, load_native(made.path, method=spec.method))
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("spec", [models.PID, models.CART], ids=lambda spec: spec.method)
 def test_a_partial_copy_with_its_integration_needs_no_help(make: Maker, spec: Spec) -> None:
     made = make.partial(spec, Style.V46, True)  # noqa: FBT003 - with xxinteg
@@ -103,6 +107,7 @@ def test_a_partial_copy_without_states_has_nothing_to_integrate(make: Maker) -> 
     assert model.description.method == ""
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 @pytest.mark.parametrize("spec", [models.CART, models.MATRICES, more_models.INITIAL], ids=lambda spec: spec.name)
 def test_a_second_start_gives_the_bits_of_the_first(make: Maker, shape: str, spec: Spec) -> None:
@@ -124,6 +129,7 @@ def test_two_instances_share_nothing(make: Maker) -> None:
     assert [one.step([0.0]) for _ in range(500) if two.step([1.0])] == alone[1:]
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_two_models_in_one_process_do_not_see_each_other(make: Maker, shape: str) -> None:
     """Both have the same names for different things."""
@@ -138,6 +144,7 @@ def test_two_models_in_one_process_do_not_see_each_other(make: Maker, shape: str
     assert found == native_outputs(tank, inputs, 1000)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_the_end_of_the_experiment_does_not_end_the_model(make: Maker, shape: str) -> None:
     """Its experiment lasts 10 s; the set-point's output goes on following the leak after 12 s."""
@@ -181,6 +188,7 @@ def test_a_models_stop_request_lasts_until_it_is_initialized_again(make: Maker) 
     assert (states[98], states[-1], model.stopped) == (False, True, False)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_a_parameter_in_static_equations_takes_effect_at_once(make: Maker, shape: str) -> None:
     made = getattr(make, shape)(models.TANK)
@@ -195,6 +203,7 @@ def test_a_parameter_in_static_equations_takes_effect_at_once(make: Maker, shape
     assert after == truth[100:]
 
 
+@pytest.mark.variants(2)
 @pytest.mark.parametrize(
     "name",
     [
@@ -213,6 +222,7 @@ def test_a_folder_that_is_odd_in_some_way_computes_what_its_code_does(make: Make
     assert_native(made, load_native(made.path))
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize(
     "spec", [models.PID, models.TANK, models.OSCILLATOR, models.CART], ids=lambda spec: spec.method
 )
@@ -230,6 +240,7 @@ def test_a_written_state_is_where_the_next_step_begins(make: Maker, shape: str, 
     assert found != native_outputs(made, inputs, 100)
 
 
+@pytest.mark.variants(1)
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
 def test_a_parameter_in_initial_equations_waits_for_the_next_start(make: Maker, shape: str) -> None:
     model = load_native(getattr(make, shape)(more_models.INITIAL).path)
