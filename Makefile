@@ -15,6 +15,7 @@
 VENV := .venv
 READY := $(VENV)/.ready
 QUICK := not proof and not image and not variant
+VARIANTS := variant and not proof and not image
 
 # Where the environment forbids bytecode, each process that a test starts compiles all it imports, and each worker every test.
 unexport PYTHONDONTWRITEBYTECODE
@@ -36,7 +37,8 @@ test: $(READY) lint
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' $(call marked,real_time)
 
 test-variants: $(READY)
-	$(VENV)/bin/python -m pytest -m 'variant and not proof and not image' -n 4 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/python -m pytest -m '$(VARIANTS) and not real_time' -n 4 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/python -m pytest -m '$(VARIANTS) and real_time' $(call marked,real_time)
 
 # Emulated instruction by instruction, it takes a core for minutes, and anything beside it in real time would be late.
 test-kernels: $(READY)

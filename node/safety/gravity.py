@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What the IMU measures, against gravity and the wheels: noise is no motion, and a gyro that is off shows in time."""
 
-from math import atan2, copysign, cos, hypot, inf, isfinite, nan, sin
+from math import atan2, copysign, cos, hypot, isfinite, nan, sin
 from typing import Final
 
 from segway_ecc.node.safety.check import Check, View, periods_in
@@ -28,8 +28,8 @@ class GravityCheck(Check):
     gravity. An observer with three equal poles (Luenberger, 1971, doi 10.1109/TAC.1971.1099826) estimates the velocity
     ahead, the pitch and the gyro's offset from the residual; the velocity up is that of a filter with the gain of the
     first. Standing up, pushes and landing are motions that both show: they leave no residual. Noise does, soon. A
-    shock between two samples, as of a body that falls onto its stop, does too: the first that comes in one sample is
-    passed over, as a gap is.
+    shock between two samples, as of a body that falls onto its stop, does too: the first that comes in one sample,
+    and after which the body turns more slowly, is passed over, as a gap is.
 
     Attributes:
         is_credible: Whether the newest sample goes with those before; it does not where none does.
@@ -74,7 +74,7 @@ class GravityCheck(Check):
         elapsed_s = periods * self._period_s
         turned = rate - self._offset
         pitch = self._pitch + elapsed_s * (0.5 * (rate + self._rate) - self._offset)
-        self._rate = rate
+        is_slower, self._rate = abs(rate) < abs(self._rate), rate
         cosine, sine = (cos(pitch), sin(pitch)) if isfinite(pitch) else (nan, nan)
         swing = self._height * turned
         ahead = wheels + self._radius * turned + swing * cosine
@@ -84,7 +84,7 @@ class GravityCheck(Check):
         off, off_up = ahead - shown_ahead, up - shown_up
         far, most = hypot(off, off_up), self._most_velocity
         self._calm += periods
-        is_shock = not far <= most and self._calm > self._shocks_apart and _SHOCK * most < far - self._far < inf
+        is_shock = not far <= most and is_slower and self._calm > self._shocks_apart and far - self._far > _SHOCK * most
         if is_shock:
             self._calm = 0
         if is_shock or is_late:  # what happened meanwhile is not known
