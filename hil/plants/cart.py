@@ -9,6 +9,7 @@ up, what keeps it on its curve, and the floor that carries it. The outputs are t
 from collections.abc import Sequence
 from typing import Final
 
+from segway_ecc.hil.plants.placing import WheelMotion
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
 
@@ -55,6 +56,23 @@ class _RollingCart(CartBody):
         speed, yaw_rate = self.velocities(wheels[1], wheels[3])
         ahead, _ = self.velocities(*accelerations)
         return (*wheels, *pose, speed, yaw_rate, 0.0, 0.0, yaw_rate, ahead, speed * yaw_rate, STANDARD_GRAVITY)
+
+    def begin_at(self, motion: WheelMotion, u: Sequence[float]) -> Sequence[float]:
+        """See `Placeable.begin_at`; where a voltage drives it, the current is that of this moment's speed."""
+        values = {
+            "LeftRotation": motion.left_angle,
+            "LeftSpeed": motion.left_velocity,
+            "RightRotation": motion.right_angle,
+            "RightSpeed": motion.right_velocity,
+        }
+        for place, side in enumerate(("Left", "Right")):
+            if f"{side}Current" in self._state_at:
+                voltage = u[place] - self.motor_constant * values[f"{side}Speed"]
+                values[f"{side}Current"] = voltage / self.resistance
+        for name, value in values.items():
+            self.s[self._state_at[name]] = value
+        self.input(u)
+        return self.output()
 
 
 class CartPlant(_RollingCart):

@@ -11,6 +11,12 @@ _ROWS: Final = (
     ("design", "gains segway", "the controller of a balancing robot", Section.MODEL),
     ("design gains", "segway", "gains from what the robot is made of, with poles and stability margins", ""),
     ("design margins", "", "the disturbance limits of the robot, found by search, against what is required", "margins"),
+    (
+        "log compare",
+        "run.mcap",
+        "a recorded run beside the simulation of the same commands: plots, and residuals by signal",
+        "",
+    ),
     ("case-study", "", "the thesis' tables and figures in each seat, side by side", Section.PROOF),
     ("prove", "campaign", "what happens when parts fail, and for hours", Section.PROOF),
     ("prove campaign", "", "every fault scenario, against its expected outcome", "campaign"),
