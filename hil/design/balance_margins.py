@@ -131,11 +131,19 @@ def find_limit(file: RobotFile, kind: DisturbanceKind, seeds: Sequence[int]) -> 
     return Limit(kind.name, kind.unit, tolerated, kind.required, is_beyond)
 
 
-def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> bool:
+def recovers(  # noqa: PLR0913 - the robot, what disturbs it, and how it begins
+    file: RobotFile,
+    kind: DisturbanceKind,
+    size: float,
+    seed: int,
+    *,
+    lies_at: float = LIES_AT,
+    duration_s: float = _DURATION_S,
+) -> bool:
     """Whether the robot stands up, is disturbed, and balances at the end, still and without having given up."""
-    balance = Balance(file, pitch=LIES_AT, seed=seed, plant=kind.plant(size))
-    truth = balance.run(_DURATION_S, kind.script(size), until_fallen=True)
-    last = [at for at in truth if at.time > _DURATION_S - _STAYED_S]
+    balance = Balance(file, pitch=lies_at, seed=seed, plant=kind.plant(size))
+    truth = balance.run(duration_s, kind.script(size), until_fallen=True)
+    last = [at for at in truth if at.time > duration_s - _STAYED_S]
     return (
         Phase.GIVEN_UP not in balance.phases
         and balance.phases[-1] == Phase.BALANCING

@@ -3,12 +3,15 @@
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from segway_ecc.hil.design import balance_margins
 from segway_ecc.hil.design.balance_margins import disturbances, find_limit, recovers
+from segway_ecc.hil.floor import margins as floor_margins
+from segway_ecc.hil.verbs import design_margins
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 
@@ -17,10 +20,11 @@ KINDS = {kind.name: kind for kind in disturbances(PUBLISHED)}
 
 
 def tolerates(monkeypatch: pytest.MonkeyPatch, largest: float) -> None:
-    def pretend(_file: object, _kind: object, size: float, seed: int) -> bool:
+    def pretend(_file: object, _kind: object, size: float, seed: int, **_: float) -> bool:
         return abs(size) <= largest / seed
 
     monkeypatch.setattr(balance_margins, "recovers", pretend)
+    monkeypatch.setattr(floor_margins, "recovers", pretend)
 
 
 @pytest.mark.parametrize("name", ["push ahead, 0.1 s", "push back, 0.1 s"])
@@ -50,6 +54,40 @@ def test_the_verb_prints_what_is_not_met(
     assert table.errors == ["segway-ecc: slope, up", "segway-ecc: slope, down"]
     assert [limit["is_enough"] for limit in found["limits"]] == [not code, not code]
     assert [limit["required"] for limit in found["limits"]] == pytest.approx([0.0873, -0.0873], abs=1e-4)
+
+
+@pytest.mark.mujoco
+def test_each_limit_against_friction_names_its_plant(
+    segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    tolerates(monkeypatch, 0.05)
+    words = ("design", "margins", "--only", "slope", "--seeds", "1", "--friction", "0.6", "1.2", "--jobs", "1")
+    outcome = segway_ecc(*words, "--out", str(tmp_path))
+    lines = outcome.out.splitlines()
+    assert lines[0] == "plant segway-plant: wheels never slip; least of 1 seeds"
+    assert lines[5] == "plant segway-contact-plant: wheels slip, by the friction of each column; least of 1 seeds"
+    assert lines[7].split() == ["slope,", "up", "rad", "0.05", "!", "0.05", "!", "0.0873"]
+    assert lines[-1].startswith("beyond the hardware: on a friction below 0.447 ")
+    assert outcome.code == 1
+    document = json.loads((tmp_path / "margins.json").read_bytes())
+    assert [limit["friction"] for limit in document["floor"]] == [0.6, 1.2, 0.6, 1.2]
+    assert document["plant"] == "segway-plant"
+
+
+def test_without_mujoco_the_rest_is_given(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    tolerates(monkeypatch, 0.5)
+    monkeypatch.setattr(design_margins, "lacks_mujoco", lambda: "pip install it")
+    outcome = segway_ecc("design", "margins", "--only", "slope", "--seeds", "1", "--friction", "0.6")
+    assert outcome.code == 0
+    assert outcome.errors[0] == "segway-ecc: no limits against friction: pip install it"
+    assert "contact" not in outcome.out
+
+
+@pytest.mark.parametrize("friction", ["0", "6"])
+def test_a_friction_that_no_floor_has_is_refused(segway_ecc: Run, friction: str) -> None:
+    outcome = segway_ecc("design", "margins", "--friction", friction)
+    assert outcome.code == 2
+    assert f"--friction must be within 0.01 to 5, not {friction}" in outcome.errors[0]
 
 
 @pytest.mark.parametrize(("force", "expected"), [(40.0, True), (200.0, False)])
