@@ -104,6 +104,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     Attributes:
         wiring: The robot's signal of each model port or state, by name.
         arming: Whether the robot arms itself at start, or waits to be asked.
+        commissioned: Whether it arms only with a report of its commissioning that passed and still holds.
         actuate: When commands leave: in the next cycle's exchange, without jitter, or as soon as they are limited.
         safety: What is watched, beyond what always is; nothing where it is left out.
         station: What the robot does when the base station falls silent; nothing where it is left out.
@@ -114,6 +115,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     wiring: dict[str, str]
     hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
+    commissioned: Literal["required", "optional"] = "optional"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"
     setpoint: SetpointSection = SetpointSection()
     safety: SafetySettings | None = None

@@ -4,11 +4,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from segway_ecc.firmware_io.build import build_hardware
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.firmware_io.hardware import Hardware, NoHardware
 from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.node.commissioning import why_not_commissioned
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Recorder, Stage
@@ -28,13 +30,14 @@ from segway_ecc.node.safety.modes import sit_down_values
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """The parts of a robot, wired but not yet opened."""
+    """The parts of a robot, wired but not yet opened; `not_commissioned` is why it may not arm, where that is so."""
 
     file: RobotFile
     model: Model
     hardware: Hardware
     wiring: Wiring
     clock: Clock
+    not_commissioned: str | None = None
 
     @property
     def period_ns(self) -> int:
@@ -75,6 +78,7 @@ class Robot:
             actuate_immediately=self.file.actuate == "immediately",
             safety=self.file.safety,
             station=self.file.station,
+            not_commissioned=self.not_commissioned,
         )
 
     def loop(self, stage: Stage, recorder: Recorder) -> Loop:
@@ -88,8 +92,14 @@ class Robot:
         )
 
 
-def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robot:
-    """Load the model, make the hardware and wire them; `link` is used instead of the bus that the file names.
+def build_robot(file: RobotFile, clock: Clock, link: Link | None = None, report: Path | None = None) -> Robot:
+    """Load the model, make the hardware and wire them.
+
+    Args:
+        file: The robot file.
+        clock: The clock of its loop.
+        link: Used instead of the bus that the file names, by rigs; what runs on it needs no commissioning.
+        report: Where the report of its commissioning lies, of which arming asks where the file requires it.
 
     Raises:
         ModelError: The model cannot be loaded.
@@ -115,4 +125,5 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
                 f"station.sit_down.{name} is {value:g}: what it is wired to allows {low:g} to {high:g}"
             )
     stand_place(file.safety.posture if file.safety else None, wiring.set_names)
-    return Robot(file, model, hardware, wiring, clock)
+    reason = None if link is not None else why_not_commissioned(file, report)
+    return Robot(file, model, hardware, wiring, clock, reason)

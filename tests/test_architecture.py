@@ -70,6 +70,7 @@ RULES = {
             "deploy.verbs",
             "hil.verbs",
             "hil.bench.ours",
+            "hil.commission.spin",
             "hil.drill.stepped_clock",
             "hil.growth.robot",
             "hil.latency.same_process",

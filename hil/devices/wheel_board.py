@@ -49,7 +49,8 @@ class SimulatedWheelBoard:
     Each line has its own counters. The owner is the line over which a command that does not enable came last; commands
     that enable are taken from the owner alone. So torque never comes from two lines, either one can always stop it, and
     a board that was just switched on does nothing before it was commanded to be off. Its motors are given `voltages`,
-    V; set `is_broken` to have it find a fault, clear it to have the cause gone.
+    V; set `is_broken` to have it find a fault, clear it to have the cause gone, and clear `has_watchdog` to have it
+    report its watchdog and never act on it.
     """
 
     inputs: Sequence[str] = ("left.voltage", "right.voltage")
@@ -60,6 +61,7 @@ class SimulatedWheelBoard:
         self.state = BoardState.DISABLED
         self.voltages: Sequence[float] = _OFF
         self.is_broken = False
+        self.has_watchdog = True
         self._has_imu = settings.imu
         self._bus = Endpoint(link.send, _COMMANDS)
         self._serial = None if port is None else _SerialEnd(port)
@@ -89,7 +91,8 @@ class SimulatedWheelBoard:
                 self._serial.endpoint.send(FrameId.BOARD_STATUS, self._status(outputs))
         if self.is_broken:
             self._switch_off(BoardState.FAULT)
-        if self.state is BoardState.ENABLED and now_ns - self._last_command_ns > self._watchdog_s * 1e9:
+        is_late = now_ns - self._last_command_ns > self._watchdog_s * 1e9
+        if self.has_watchdog and self.state is BoardState.ENABLED and is_late:
             self._switch_off(BoardState.WATCHDOG)
         return self.voltages
 

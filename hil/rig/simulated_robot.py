@@ -20,6 +20,7 @@ class SimulatedRobot:
         tick_ns: Period of the firmware's loops.
         inputs: What the motors give the plant, in the plant's order.
         outputs: The plant's newest outputs, in the plant's order.
+        devices: The devices, drives first.
         stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.
         errors: What devices measure too much, by the output's name, in its unit.
     """
@@ -32,7 +33,7 @@ class SimulatedRobot:
         """
         self.tick_ns = tick_ns
         self.link = link
-        self._devices = tuple(devices)
+        self.devices = tuple(devices)
         self._plant, self._advance = plant, advance_of(plant)
         self.output_names = [v.name for v in plant.outputs]
         self._driving = tuple(zip(devices, _places(devices, plant), strict=True))
@@ -57,7 +58,7 @@ class SimulatedRobot:
     @property
     def refused_frames(self) -> int:
         """Frames that the devices refused since power-on."""
-        return sum(device.refused_frames for device in self._devices)
+        return sum(device.refused_frames for device in self.devices)
 
     def tick(self, now_ns: int) -> None:
         """One pass of every device's loop at time `now_ns`, with the plant's share of time after it."""
@@ -73,7 +74,7 @@ class SimulatedRobot:
         if self._ticks % self._ticks_per_step == 0:
             self.outputs, self._by_name_of = self._advance(self.inputs, self._steps), None
             outputs = self._measured()
-        for device in self._devices:
+        for device in self.devices:
             device.send_telemetry(now_ns, outputs)
 
     def _measured(self) -> dict[str, float]:

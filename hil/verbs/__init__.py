@@ -11,6 +11,7 @@ _ROWS: Final = (
     ("design", "gains segway", "the controller of a balancing robot", Section.MODEL),
     ("design gains", "segway", "gains from what the robot is made of, with poles and stability margins", ""),
     ("design margins", "", "the disturbance limits of the robot, found by search, against what is required", "margins"),
+    ("design commission", "robot.yaml", "the first hour with a real robot, step by step, and the report of it", ""),
     (
         "log compare",
         "run.mcap",

@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.play.channel import LoopEnd, channel
@@ -53,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     if importlib.util.find_spec("rich") is None:
         raise ConfigurationError("play draws with rich, which is not installed: pip install 'segway-ecc[report]'")
     with tempfile.TemporaryDirectory(prefix="segway-ecc-play-") as folder, contextlib.ExitStack() as stack:
-        file = _with_lines(options, Path(folder))
+        file = msgspec.structs.replace(_with_lines(options, Path(folder)), commissioned="optional")  # it is simulated
         robot = build_robot(file, RealClock())
         plant, guard = _start(stack, options, Path(folder))
         if plant.process.stdin is None:

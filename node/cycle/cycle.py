@@ -45,7 +45,7 @@ from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.safety.monitor import SafetyMonitor
 from segway_ecc.node.safety.outputs import OutputWatch
 from segway_ecc.node.safety.posture import Posture
-from segway_ecc.node.safety.pre_arm import PreArmCheck, drives_check, model_check
+from segway_ecc.node.safety.pre_arm import PreArmCheck, commissioned_check, drives_check, model_check
 from segway_ecc.node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
 
 LATENESS: Final = "lateness"
@@ -125,8 +125,9 @@ class Cycle:
         actuate_immediately: bool,
         safety: SafetySettings | None = None,
         station: StationSettings | None = None,
+        not_commissioned: str | None = None,
     ) -> None:
-        """Join the parts; nothing is opened yet.
+        """Join the parts; nothing is opened yet. `not_commissioned` is why the robot may never arm, if it may not.
 
         Raises:
             ConfigurationError: `safety` asks for a check of a signal that the hardware does not measure.
@@ -171,6 +172,7 @@ class Cycle:
         self._recorded_posture: Posture | None = None
         self._sits_down_first = False
         self._was_live = self._was_misled = False
+        self._not_commissioned = not_commissioned
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations under what it measures first.
@@ -458,6 +460,8 @@ class Cycle:
             checks = self._monitor.checklist(values, ages, valid, real_time=is_real_time())
         if self._outputs.fault is not None:
             checks = [*checks, model_check(self._outputs.fault)]
+        if self._not_commissioned is not None:
+            checks = [*checks, commissioned_check(self._not_commissioned)]
         if not self.hardware.commands:  # a robot that is all model has no drives to ask
             return checks
         reasons = self.hardware.arming_failures()

@@ -115,6 +115,11 @@ def drives_check(reasons: Sequence[str]) -> PreArmCheck:
     return PreArmCheck("drives", not reasons, "; ".join(reasons) or "no reason against it")
 
 
+def commissioned_check(reason: str) -> PreArmCheck:
+    """The robot's file requires a commissioning, and for this `reason` it counts as not commissioned."""
+    return _check("commissioned", reason, "run segway-ecc design commission", passed=False)
+
+
 def model_check(fault: str) -> PreArmCheck:
     """What the model gives that the robot cannot do: it was started anew, and gives it again."""
     return _check("model", fault, "see its parameters and what it is wired to", passed=False)

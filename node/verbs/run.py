@@ -23,6 +23,7 @@ from segway_ecc.node.cli.options import (
     robot_file,
     stopped_by_signals,
 )
+from segway_ecc.node.commissioning import report_path
 from segway_ecc.node.config import read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
@@ -82,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     with messages(), contextlib.ExitStack() as stack:
         bridge = _bridge(stack, options)
         watchdog = stack.enter_context(model_watchdog(file.model.source))
-        robot = build_robot(file, RealClock())
+        robot = build_robot(file, RealClock(), report=report_path(options.robot))
         length = options.duration
         cycles = None if length is None else count_steps("duration", length, robot.period_ns / NS_PER_S)
         limit_s = step_limit_s(file.model.step_limit_s, robot.model.step_size)

@@ -124,7 +124,7 @@ class Run:
         return self.simulated.outputs[self.simulated.output_names.index(f"truth.{name}")]
 
     def is_on(self) -> bool:
-        device = self.simulated._devices[0]
+        device = self.simulated.devices[0]
         if isinstance(device, SimulatedWheelBoard):
             return device.state.name == "ENABLED"
         assert isinstance(device, SimulatedOdrive)

@@ -37,7 +37,7 @@ class Rig:
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.hardware: Any = build_robot(file, self.rig, self.rig.bus.attach("node")).hardware
-        (drives,) = robot._devices
+        (drives,) = robot.devices
         assert isinstance(drives, SimulatedCia402)
         self.drives = drives
         self.hardware.open()

@@ -34,7 +34,7 @@ class Bench:
         self.rig.attach(robot)
         self.link = FaultyLink(self.rig.bus.attach("node"))
         self.hardware: Any = build_robot(file, self.rig, self.link).hardware
-        (self._device,) = robot._devices
+        (self._device,) = robot.devices
         self._is_on = FAMILIES[name]
         self.hardware.open()
         self.cycles(80)

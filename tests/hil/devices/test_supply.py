@@ -96,7 +96,7 @@ def test_drives_without_the_object_are_armed_and_their_supply_is_never_fresh() -
 def test_a_drive_that_was_off_and_is_set_up_again_reports_its_supply_again() -> None:
     bench = Bench("cart-cia402")
     bench.cycle(30)
-    drives = bench.robot._devices[0]
+    drives = bench.robot.devices[0]
     assert isinstance(drives, SimulatedCia402)
     drives.left.switch_off()
     assert bench.supply(150)[1] is False

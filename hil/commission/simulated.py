@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: MIT
+"""A simulated robot that is commissioned in lock step, by a person who does as told; it may be wired wrongly."""
+
+import contextlib
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import msgspec
+
+from segway_ecc.firmware_io.clock import NS_PER_S
+from segway_ecc.hil.commission.miswiring import MiswiredPlant, Miswiring
+from segway_ecc.hil.commission.person import Answer, Task
+from segway_ecc.hil.commission.session import Session
+from segway_ecc.hil.commission.wheel_steps import Found
+from segway_ecc.hil.devices.odrive import SimulatedOdrive
+from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
+from segway_ecc.hil.errors import NoSimulationError
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_plant, simulated_robot
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.robot import Robot, build_robot
+
+_PLANTS: Final = "segway_ecc.hil.plants.segway_held"
+_HELD: Final = {"left.voltage": f"{_PLANTS}:HeldSegwayPlant", "left.torque": f"{_PLANTS}:HeldSegwayTorquePlant"}
+_TILT: Final = 0.7
+_UPRIGHT: Final = {"HandPitch": 0.0, "HandRoll": 0.0}
+_SAYS_AFTER_S: Final = 0.5
+"""How long somebody takes to answer at least."""
+_PRESSES_AFTER_S: Final = 0.2
+_TURN: Final = 2.0 * math.pi
+_DOES: Final[Mapping[Task, tuple[float, Mapping[str, float]]]] = {
+    Task.LIFT: (0.5, {"OnFloor": 0.0, **_UPRIGHT}),
+    Task.TURN_LEFT_WHEEL: (3.0, {"LeftTurn": _TURN}),
+    Task.TURN_RIGHT_WHEEL: (3.0, {"RightTurn": _TURN}),
+    Task.HOLD_UPRIGHT: (2.0, _UPRIGHT),
+    Task.TILT_FORWARD: (2.0, {"HandPitch": _TILT}),
+    Task.TILT_RIGHT: (2.0, {"HandRoll": _TILT}),
+    Task.TURN_LEFT: (2.5, {"HandYaw": 0.25 * _TURN}),
+    Task.BALANCE: (2.0, {"OnFloor": 1.0, **_UPRIGHT}),
+    Task.PUSH: (4.0, {"HandTravel": 1.0}),
+    Task.SPIN: (6.0, {"HandYaw": 1.25 * _TURN}),
+}
+"""How long somebody takes, s, and how they then hold the robot, as states of `segway_held`."""
+
+
+class ScriptedPerson:
+    """Does as told with the simulated robot, exactly; see `Person`. `lines` is what they were shown."""
+
+    def __init__(self) -> None:
+        """Have no robot in hand yet."""
+        self.lines: list[str] = []
+        self.robot: SimulatedRobot | None = None
+        self.rig: LockstepRig | None = None
+        self.has_stop = True
+        self._begun_ns = 0
+        self._task = Task.LIFT
+        self._lasts_s = 0.0
+
+    def begin(self, task: Task) -> None:
+        """See `Person.begin`."""
+        self._task, self._begun_ns = task, self._now_ns()
+        self._lasts_s, states = _DOES.get(task, (_SAYS_AFTER_S, {}))
+        if self.robot is not None:
+            for name, value in states.items():
+                self.robot.plant.write(name, value)
+        if task is Task.RELEASE_STOP:
+            self._stop(pressed=False)
+
+    def answer(self) -> Answer | None:
+        """See `Person.answer`."""
+        since_s = (self._now_ns() - self._begun_ns) / NS_PER_S
+        if self._task is Task.PRESS_STOP and since_s >= _PRESSES_AFTER_S and self.has_stop:
+            self._stop(pressed=True)
+        return Answer.DONE if since_s >= self._lasts_s else None
+
+    def read(self, line: str) -> None:
+        """See `Person.read`."""
+        self.lines.append(line)
+
+    def _now_ns(self) -> int:
+        return 0 if self.rig is None else self.rig.now_ns()
+
+    def _stop(self, *, pressed: bool) -> None:
+        """Press or release the e-stop: it breaks a board's enable input, and the supply of ODrives."""
+        for device in () if self.robot is None else self.robot.devices:
+            if isinstance(device, SimulatedWheelBoard):
+                device.is_broken = pressed
+            elif isinstance(device, SimulatedOdrive) and device.is_on == pressed:
+                (device.switch_off if pressed else device.switch_on)()
+
+
+class SimulatedSite:
+    """A simulated segway in lock step; see `Site`."""
+
+    is_simulated = True
+
+    def __init__(self, file: RobotFile, error: Miswiring | None = None) -> None:
+        """Commission the simulated robot of a file, wired rightly or with an error.
+
+        Raises:
+            NoSimulationError: It has no plant, or its drives are none that this simulates.
+        """
+        section = file.simulation
+        if section is None:
+            raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
+        self.file = msgspec.structs.replace(file, commissioned="optional")
+        self.person = ScriptedPerson()
+        self._error = error
+        commands = {variable.name for variable in simulated_plant(file).inputs}
+        held = [plant for name, plant in _HELD.items() if name in commands]
+        if not held:
+            raise NoSimulationError(f"robot '{file.name}' is no segway whose wheels take voltages or torques")
+        self._section, self._held = section, held[0]
+
+    @contextlib.contextmanager
+    def session(self) -> Iterator[Session]:
+        """See `Site.session`; the person holds it."""
+        with self._simulated(self._held) as (rig, robot, simulated):
+            self.person.rig, self.person.robot = rig, simulated
+            robot.hardware.open()
+            with contextlib.closing(robot.hardware):
+                yield Session(self.file, robot.hardware, rig, robot.period_ns / NS_PER_S, self.person)
+
+    @contextlib.contextmanager
+    def robot(self) -> Iterator[Robot]:
+        """See `Site.robot`; nobody holds it, and it lies on its bumper."""
+        with self._simulated(self._section.plant, lies=True) as (rig, robot, simulated):
+            self.person.rig, self.person.robot = rig, simulated
+            yield robot
+
+    def kill(self) -> Found:
+        """See `Site.kill`: in lock step there is no process of its own."""
+        return Found("simulated in lock step: there is no process to kill", {}, "left out")
+
+    @contextlib.contextmanager
+    def _simulated(self, plant: str, *, lies: bool = False) -> Iterator[tuple[LockstepRig, Robot, SimulatedRobot]]:
+        """The rig with the robot in front of a plant; `lies` on its front bumper at first."""
+        parameters = dict(self._section.parameters)
+        if self._error is not None:
+            parameters |= self._error.parameters or {}
+        if lies:
+            parameters["InitialPitch"] = parameters.get("StopAngle", simulated_plant(self.file).read("StopAngle"))
+        section = msgspec.structs.replace(self._section, plant=plant, parameters=parameters)
+        file = msgspec.structs.replace(self.file, simulation=section, arming="on_request")
+        rig = LockstepRig(hardware_of(file).can.bitrate)
+        end = rig.bus.attach("plant")
+        simulated = simulated_robot(file, end)
+        if self._error is not None:
+            simulated.plant = MiswiredPlant(simulated.plant, self._error)
+            simulated.outputs = simulated.plant.initialize(simulated.inputs)
+            self._take_away(simulated, self._error.lacks)
+        rig.attach(simulated)
+        robot = build_robot(file, rig, rig.bus.attach("node"))
+        end.open()
+        with contextlib.closing(end):
+            yield rig, robot, simulated
+
+    def _take_away(self, simulated: SimulatedRobot, part: str) -> None:
+        self.person.has_stop = part != "e-stop"
+        for device in simulated.devices if part == "watchdog" else ():
+            if isinstance(device, SimulatedWheelBoard):
+                device.has_watchdog = False
+            elif isinstance(device, SimulatedOdrive):
+                for axis in device.axes:
+                    axis.watchdog_s = None

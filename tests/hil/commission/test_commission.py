@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""Commissioning of a simulated robot: the right one passes, and each wiring or mounting error is found and named."""
+
+import datetime as dt
+
+import pytest
+
+from segway_ecc.hil.commission import commission as commissioning
+from segway_ecc.hil.commission.commission import commission, passes
+from segway_ecc.hil.commission.miswiring import ERRORS
+from segway_ecc.hil.commission.simulated import SimulatedSite
+from segway_ecc.node.commissioning import STEPS, CommissioningReport
+from segway_ecc.node.config import load_robot
+
+ROBOTS = ("segway", "segway-odrive")
+NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+FOUND_EARLIER = {("segway-odrive", "no watchdog"): "signals"}
+"""The driver of ODrives has their watchdog prove itself before anything is armed."""
+
+
+def commissioned(robot: str, error: str | None = None) -> CommissioningReport:
+    """Commission a simulated robot."""
+    file = load_robot(robot)
+    return commission(file, SimulatedSite(file, None if error is None else ERRORS[error]), NOW)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.variants(1)
+def test_right_robot_passes_every_step(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commissioning, "HELD_S", 2.0)
+    monkeypatch.setattr(commissioning, "ALONE_S", 3.0)
+
+    report = commissioned(robot)
+
+    assert [step.step for step in report.steps] == list(STEPS)
+    assert {step.step: step.text for step in report.steps if step.verdict == "refused"} == {}
+    assert {step.step for step in report.steps if step.verdict == "left out"} == {"guard", "kill"}
+    assert passes(report)
+    assert report.is_simulated
+    measured = {name: value for step in report.steps for name, value in step.measured.items()}
+    assert measured["radius_m"] == pytest.approx(0.05, rel=0.01)
+    assert measured["track_m"] == pytest.approx(0.3048, rel=0.02)
+    assert measured["pitch_rad"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_there_are_more_than_twenty_errors() -> None:
+    assert len(ERRORS) > 20
+
+
+@pytest.mark.parametrize(("robot", "error"), [(robot, error) for error in ERRORS for robot in ROBOTS])
+@pytest.mark.variants(5)
+def test_wiring_or_mounting_error_is_found_named_and_refused(robot: str, error: str) -> None:
+    expected = ERRORS[error]
+
+    report = commissioned(robot, error)
+
+    last = report.steps[-1]
+    assert last.verdict == "refused"
+    assert last.step == FOUND_EARLIER.get((robot, error), expected.step)
+    assert expected.says in last.text
+    assert not passes(report)
+    assert all(step.verdict in {"passed", "confirmed", "left out"} for step in report.steps[:-1])
