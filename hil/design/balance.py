@@ -129,12 +129,17 @@ class _PostureRecorder(NoRecorder):
     The world is over once the robot has fallen, if that is asked for.
     """
 
-    def __init__(self, balance: "Balance", place: int, *, until_fallen: bool) -> None:
+    def __init__(
+        self, balance: "Balance", place: int, *, until_fallen: bool, keep: Callable[[CycleRecord], None] | None
+    ) -> None:
+        self._keep = keep
         self._balance, self._place, self._until_fallen = balance, place, until_fallen
         self._posture: Posture | None = None
 
     def write(self, record: CycleRecord) -> None:
         """Keep those of a cycle."""
+        if self._keep is not None:
+            self._keep(record)
         balance = self._balance
         balance.phases.append(record.y[self._place])
         if record.posture is not None:
@@ -211,16 +216,18 @@ class Balance:
         *,
         until_fallen: bool = False,
         sits_down_first: bool = False,
+        keep: Callable[[CycleRecord], None] | None = None,
     ) -> list[Truth]:
         """Run for some seconds, in which the script happens, or until it falls; return where it really was.
 
-        With `sits_down_first` it ends as `segway-ecc run` does.
+        With `sits_down_first` it ends as `segway-ecc run` does. `keep` is given every cycle, to record it.
         """
         period_ns = self.robot.period_ns
         events = {time: functools.partial(event, self) for time, event in (script or {}).items()}
         self.world = ScriptedStage(events, period_ns)
         place = [v.name for v in self.robot.model.outputs].index("Phase")
-        self.loop: Loop = self.robot.loop(self.world, _PostureRecorder(self, place, until_fallen=until_fallen))
+        recorder = _PostureRecorder(self, place, until_fallen=until_fallen, keep=keep)
+        self.loop: Loop = self.robot.loop(self.world, recorder)
         self.loop.sits_down_first = sits_down_first
         with contextlib.closing(self._end):
             self.loop.run(round(duration * 1e9 / period_ns))

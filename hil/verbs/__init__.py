@@ -18,6 +18,7 @@ _ROWS: Final = (
         "a recorded run beside the simulation of the same commands: plots, and residuals by signal",
         "",
     ),
+    ("design identify", "run.mcap", "what the robot is made of, from logs of its runs, and the gains for that", ""),
     ("case-study", "", "the thesis' tables and figures in each seat, side by side", Section.PROOF),
     ("prove", "campaign", "what happens when parts fail, and for hours", Section.PROOF),
     ("prove campaign", "", "every fault scenario, against its expected outcome", "campaign"),

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""`segway-ecc design identify`: what a balancing robot is made of, from logs of its runs, and the gains for that."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from segway_ecc.hil.identify.identify import Identified, Verdict, identify
+from segway_ecc.hil.identify.robot_text import with_plant, with_ranges, with_safety
+from segway_ecc.hil.identify.windows import read_run
+from segway_ecc.hil.progress import show_progress
+from segway_ecc.hil.rig.simulation import simulated_plant
+from segway_ecc.hil.text_table import aligned
+from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters, with_parameters
+from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.config import RobotFile, read_text
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.layout import ROBOT_TEXT
+from segway_ecc.node.recording.salvage import Salvage
+
+_DIGITS: Final = 6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `design identify`."""
+    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG", help="logs of runs of one robot")
+    parser.add_argument("--robot", metavar="FILE", help="the robot file to start from (default: the first log's)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the robot file with what was found, and gains")
+    parser.add_argument(
+        "--measured",
+        action="append",
+        default=[],
+        type=_measured,
+        metavar="NAME=VALUE",
+        help="what you measured, SI; held within 1 %%; may be given again",
+    )
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Identify, print, and write the robot file where that is asked for."""
+    read = [read_run(path) for path in options.logs]
+    text = _text(options, need=options.out is not None)
+    file = read[0][1] if text is None else decode_yaml(text, RobotFile, "the robot file")
+    names = sorted({recorded.name for _, recorded in read})
+    if len(names) > 1:
+        raise ConfigurationError(f"the logs are of different robots ({', '.join(names)}): identify one at a time")
+    with show_progress("passes") as progress:
+        found = identify(
+            [recorded for recorded, _ in read],
+            segway_parameters(file),
+            voltage=is_by_voltage(file),
+            measured=dict(options.measured),
+            on_pass=progress,
+        )
+    if options.json:
+        print_json(options, as_json(found))
+    else:
+        sys.stdout.write("\n".join(as_text(found)) + "\n")
+    if options.out is not None and text is not None:
+        changed, notes = rewritten(text, file, found)
+        try:
+            options.out.write_text(changed, encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"cannot write robot file '{options.out}': {error.strerror}") from error
+        sys.stderr.write("".join(f"segway-ecc: {note}\n" for note in (*notes, f"wrote {options.out}")))
+    return 0
+
+
+def is_by_voltage(file: RobotFile) -> bool:
+    """Whether the robot's drives are given a voltage."""
+    return simulated_plant(file).inputs[0].name.endswith("voltage")
+
+
+def rewritten(text: str, file: RobotFile, found: Identified) -> tuple[str, list[str]]:
+    """The robot file's text with what the runs told, what follows from it, and new gains; and what to look at in it.
+
+    Raises:
+        ConfigurationError: The file is not laid out as the packaged ones are.
+    """
+    told = {
+        e.name: float(f"{e.value:.{_DIGITS}g}") for e in found.estimates if e.is_parameter and e.verdict is Verdict.TOLD
+    }
+    simulation = file.simulation
+    changed = with_plant(text, {**({} if simulation is None else simulation.parameters), **told})
+    own = {variable.name for variable in load_model(file.model.source, file.model.parameters).parameters}
+    follows = {name: value for name, value in told.items() if name in own}
+    changed, moved = with_ranges(changed, file, follows)
+    changed = with_safety(changed, told)
+    changed = with_parameters(changed, {**file.model.parameters, **follows})
+    gains = designed(decode_yaml(changed, RobotFile, "the robot file with what was identified")).gains
+    changed = with_parameters(changed, {**file.model.parameters, **follows, **rounded(gains)})
+    return changed, [f"moved model.ranges: {text}; see that it is what you want" for text in moved]
+
+
+def as_text(found: Identified) -> list[str]:
+    """A table of what was found, and what to know of it."""
+    rows = [("quantity", "unit", "before", "found", "+- (95 %)", "")]
+    rows += [(e.name, e.unit, f"{e.known:.4g}", f"{e.value:.4g}", e.interval_text, e.remark) for e in found.estimates]
+    return [*aligned(rows), "", *found.remarks]
+
+
+def as_json(found: Identified) -> dict[str, Any]:
+    """The same as data."""
+    return {
+        "quantities": {
+            e.name: {
+                "unit": e.unit,
+                "before": e.known,
+                "found": e.value,
+                "least": e.least,
+                "most": e.most,
+                "verdict": e.verdict.value,
+                "together_with": list(e.together_with),
+            }
+            for e in found.estimates
+        },
+        "windows": found.fit.windows,
+        "outliers": found.fit.outliers,
+        "remarks": list(found.remarks),
+    }
+
+
+def _measured(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition("=")
+    try:
+        return (name, float(value)) if equals else _refuse(text)
+    except ValueError:
+        return _refuse(text)
+
+
+def _refuse(text: str) -> tuple[str, float]:
+    raise argparse.ArgumentTypeError(f"'{text}' is not NAME=VALUE with a number, such as BodyMass=5.2")
+
+
+def _text(options: argparse.Namespace, *, need: bool) -> str | None:
+    """The robot file as it was written."""
+    if options.robot is not None:
+        return read_text(options.robot)
+    text = Salvage(options.logs[0]).attachments.get(ROBOT_TEXT)
+    if text is None and need:
+        raise ConfigurationError(f"{options.logs[0]} holds no text of the robot file: name the file with --robot")
+    return text.decode() if isinstance(text, bytes) else text
