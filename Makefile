@@ -1,8 +1,9 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
-# make test-variants  what they show once, with every other model, compiler, fault and screen
+# make test-real-time those that run robots in real time, one at a time; what they show is shown in simulated time by make test
+# make test-variants  what make test shows once, with every other model, compiler, fault and screen
 # make test-kernels   those that need a kernel with CAN, or a PREEMPT_RT kernel and two CAN controllers, in emulated machines
-# make page    of these, the base station's page in a browser, with a report of its screenshots
+# make page    of all tests, the base station's page in a browser, with a report of its screenshots
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make docs    the documentation as a site, in out/site
@@ -20,7 +21,7 @@ VARIANTS := variant and not proof and not image
 # Where the environment forbids bytecode, each process that a test starts compiles all it imports, and each worker every test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run test test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
+.PHONY: run test test-real-time test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -28,17 +29,18 @@ run: $(READY)
 # Only these are collected where a marker is asked for: collecting all takes ten seconds of each worker.
 marked = $(shell grep -rl --include='test_*.py' 'mark\.$(1)\b' tests)
 
-# Many tests wait, for a browser, a guest or ROS, so more run than there are cores; tests/conftest.py orders them.
-# Robots in real time run one at a time, with nothing beside them.
+# Many tests wait, for a browser, a compiler or ROS, so more run than there are cores; tests/conftest.py orders them.
 test: $(READY) lint
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not kernel and not rt_kernel' -n 4 --dist loadfile \
 	    --no-loadscope-reorder
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and ros and not real_time' -n 4 --dist loadfile $(call marked,ros)
-	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' $(call marked,real_time)
+
+# With nothing beside them: what disturbs a robot decides such a test.
+test-real-time: $(READY)
+	$(VENV)/bin/python -m pytest -m 'real_time and not proof and not image' $(call marked,real_time)
 
 test-variants: $(READY)
 	$(VENV)/bin/python -m pytest -m '$(VARIANTS) and not real_time' -n 4 --dist loadfile --no-loadscope-reorder
-	$(VENV)/bin/python -m pytest -m '$(VARIANTS) and real_time' $(call marked,real_time)
 
 # Emulated instruction by instruction, it takes a core for minutes, and anything beside it in real time would be late.
 test-kernels: $(READY)

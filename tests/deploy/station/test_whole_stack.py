@@ -185,7 +185,6 @@ def test_a_robot_that_is_killed_is_shown_as_lost_and_comes_back_by_itself(stack:
     standing.shows("#events", "back after")
 
 
-@pytest.mark.variant
 def test_without_its_station_it_holds_and_sits_down_by_itself(stack: Stack, standing: OperatorPage) -> None:
     drive(stack, standing)
     stack.kill("station")

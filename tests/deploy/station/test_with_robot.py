@@ -218,7 +218,6 @@ def stop_while_driving(robots: Robots, operator: Operator) -> Stopped:
     return Stopped(torque.zero_s, stopped.stop_after_s)
 
 
-@pytest.mark.variants(1)
 @pytest.mark.parametrize("robot", ["segway", "segway-odrive"])
 def test_a_stop_takes_the_torque_away(robots: Robots, operator: Operator, robot: str) -> None:
     robots.start(robot, SEGWAY, "{}", plant=True)

@@ -135,7 +135,6 @@ def current_for(message: can.Message) -> float | None:
     return float(milliamperes) * 1e-3
 
 
-@pytest.mark.variants(1)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_node_that_dies_or_hangs_is_followed_by_zeros(
     processes: Processes, tmp_path: Path, number: signal.Signals
