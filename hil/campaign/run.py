@@ -39,6 +39,7 @@ from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, Dist
 from segway_ecc.hil.faults.models import AmissValues, SlowModel, misbehaves, misbehaving
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.faults.stranger import Stranger
+from segway_ecc.hil.floor.contact import on_floor, tyres
 from segway_ecc.hil.page import page, pairs, section, table
 from segway_ecc.hil.processes import quiet, results_of
 from segway_ecc.hil.progress import OnProgress
@@ -83,6 +84,7 @@ class _Settings(msgspec.Struct, frozen=True, kw_only=True):
     fallback: bool
     seed: int
     parameters: tuple[tuple[str, float], ...]
+    floor: float | None = None
     log: Path | None = None
 
 
@@ -102,6 +104,7 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
         fallback=scenario.fallback,
         seed=run.seed,
         parameters=tuple(sorted(run.parameters.items())),
+        floor=run.floor,
         log=log,
     )
     bench = _ScenarioBench(settings)
@@ -129,6 +132,7 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
         simulated_s=bench.rig.now_ns() * 1e-9,
         digest=drive.digest,
         posture=bench.posture,
+        floor=run.floor,
     )
     return judged(result, scenario.expect)
 
@@ -300,6 +304,8 @@ class _ScenarioBench:
         for name, value in settings.parameters:
             if name.startswith(PLANT):
                 simulated.plant.write(name.removeprefix(PLANT), value)
+        for name, value in ({} if settings.floor is None else tyres(settings.floor)).items():
+            simulated.plant.write(name, value)
         simulated.plant = DisturbedPlant(simulated.plant, injections)
         link = self._bus if wires is None else make_link(hardware, rig, self._bus, wires.host.open)
         robot = build_robot(file, clock, link)
@@ -375,6 +381,8 @@ _robot = functools.lru_cache(maxsize=32)(load_robot)
 def _robot_file(settings: _Settings) -> RobotFile:
     """The robot's file with the model's parameters, a serial line where wanted, and armed at the start."""
     file = _robot(settings.robot)
+    if settings.floor is not None:
+        file = on_floor(file)
     ours = {name.removeprefix(MODEL): value for name, value in settings.parameters if name.startswith(MODEL)}
     model = msgspec.structs.replace(file.model, parameters={**file.model.parameters, **ours})
     file = msgspec.structs.replace(file, model=model, arming="at_start")

@@ -178,13 +178,17 @@ class Scenario(Section, frozen=True, kw_only=True):
 
 
 class ScenarioRun(NamedTuple):
-    """One run to be made, of a scenario from a file or by its name, with parameters other than their own."""
+    """One run to be made, of a scenario from a file or by its name, with parameters other than their own.
+
+    `floor` is the friction of the floor, where wheels are to slip; None for the plant that the robot file names.
+    """
 
     source: str
     scenario: Scenario
     robot: str
     seed: int
     parameters: Mapping[str, float]
+    floor: float | None = None
 
 
 def check_parameter(name: str) -> None:
@@ -257,6 +261,7 @@ class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
         switches: The reasons for passing to another line.
         digest: Of everything that the drives gave, and all truth.
         posture: What the robot was doing at the end, by the node; empty where it has no posture.
+        floor: The friction of the floor; None where wheels never slip.
         why_not: How it differs from what was expected; empty where it does not.
     """
 
@@ -276,6 +281,7 @@ class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
     posture: str = ""
     has_fallen: bool = False
+    floor: float | None = None
     why_not: tuple[str, ...] = ()
 
     @property
@@ -288,7 +294,8 @@ class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
         """The command that runs it again."""
         sets = [word for name, value in self.parameters.items() for word in ("--set", f"{name}={value!r}")]
         words = ["segway-ecc", "prove", "fault", self.source, "--robot", self.robot, "--seed", str(self.seed)]
-        return shlex.join([*words, *sets])
+        floor = [] if self.floor is None else ["--floor", f"{self.floor:g}"]
+        return shlex.join([*words, *sets, *floor])
 
 
 def judged(result: ScenarioResult, expect: Expectation) -> ScenarioResult:
@@ -322,7 +329,7 @@ def cells(result: ScenarioResult) -> tuple[str, ...]:
     tilt = "" if result.max_tilt_rad is None else f"{result.max_tilt_rad:.3f}"
     return (
         result.scenario,
-        result.robot,
+        result.robot if result.floor is None else f"{result.robot}, friction {result.floor:g}",
         str(result.seed),
         result.outcome,
         _ms(result.detection_s),
@@ -354,6 +361,7 @@ def details(result: ScenarioResult) -> Mapping[str, str]:
     """One result, name by name."""
     named = dict(zip(HEAD, cells(result), strict=True))
     extra = {
+        "floor": "" if result.floor is None else f"friction {result.floor:g}",
         "parameters": ", ".join(f"{name}={value:g}" for name, value in result.parameters.items()) or "its own",
         "reason": result.reason or "none",
         "posture": result.posture,

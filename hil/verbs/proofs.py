@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 
+from segway_ecc.hil.floor.contact import LEAST_FRICTION, MOST_FRICTION
 from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.errors import ConfigurationError
 
@@ -45,6 +46,22 @@ def check_counts(options: argparse.Namespace, *names: str) -> None:
         value = getattr(options, name)
         if value is not None and value < 1:
             raise ConfigurationError(f"--{name} must be at least 1, not {value}")
+
+
+def add_floor(parser: argparse.ArgumentParser, what: str = "on a floor of this friction, on which wheels slip") -> None:
+    """The friction of a floor, 1; see `check_floor`."""
+    parser.add_argument("--floor", type=float, metavar="MU", help=what)
+
+
+def check_floor(options: argparse.Namespace) -> None:
+    """Refuse a friction that no floor has; None is not looked at.
+
+    Raises:
+        ConfigurationError: It has not.
+    """
+    if options.floor is not None and not LEAST_FRICTION <= options.floor <= MOST_FRICTION:
+        text = f"--floor must be within {LEAST_FRICTION:g} to {MOST_FRICTION:g}, not {options.floor:g}"
+        raise ConfigurationError(text)
 
 
 def claims_out(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:

@@ -14,6 +14,7 @@ from segway_ecc.hil.campaign.scenario import (
     load_all,
     load_scenario,
 )
+from segway_ecc.hil.verbs.proofs import add_floor, check_floor
 from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.errors import ConfigurationError, plain_number
 
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K=V",
         help="a parameter, plant.NAME or model.NAME (may be given again), in place of the scenario's first set",
     )
+    add_floor(parser)
     parser.add_argument("--log", type=Path, metavar="FILE", help="write the robot's log (MCAP)")
     add_json(parser)
 
@@ -48,11 +50,13 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError("which scenario? `segway-ecc prove fault --list` lists those of the package")
     if options.seed is not None and options.seed < 0:
         raise ConfigurationError(f"--seed must not be negative, not {options.seed}")
+    check_floor(options)
     scenario = load_scenario(options.scenario)
     seed = scenario.seeds[0] if options.seed is None else options.seed
     parameters = parameters_of(options.set) if options.set else scenario.parameters[0]
     robot = options.robot or scenario.robots[0]
-    result = run_scenario(ScenarioRun(options.scenario, scenario, robot, seed, parameters), options.log)
+    trial = ScenarioRun(options.scenario, scenario, robot, seed, parameters, options.floor)
+    result = run_scenario(trial, options.log)
     document = {**msgspec.to_builtins(result), "as_expected": result.is_as_expected, "command": result.command}
     print_found(options, document, details(result))
     return 0 if result.is_as_expected else 1

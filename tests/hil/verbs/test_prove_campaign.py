@@ -54,6 +54,8 @@ def test_one_run_that_is_not_as_expected_ends_it_with_1(segway_ecc: Run, tmp_pat
         (("nowhere",), "cannot read scenario 'nowhere'"),
         (("can-cut", "--jobs", "0"), "--jobs must be at least 1, not 0"),
         (("can-cut", "--seeds", "0"), "--seeds must be at least 1, not 0"),
+        (("can-cut", "--sample", "0"), "--sample must be at least 1, not 0"),
+        (("can-cut", "--floor", "9"), "--floor must be within 0.01 to 5, not 9"),
     ],
 )
 def test_what_cannot_be_run_is_reported_in_one_line(segway_ecc: Run, words: tuple[str, ...], message: str) -> None:
@@ -68,3 +70,32 @@ def test_a_report_that_cannot_be_written_is_an_error(segway_ecc: Run, tmp_path: 
     outcome = segway_ecc("prove", "campaign", good, "--jobs", "1", "--out", str(Path(good) / "below"))
     assert outcome.code == 2
     assert "cannot write to" in outcome.errors[-1]
+
+
+@pytest.mark.mujoco
+def test_on_a_floor_each_run_is_made_twice_and_compared(segway_ecc: Run, tmp_path: Path) -> None:
+    words = ("segway_can-cut", "segway_can-late", "--floor", "0.8", "--sample", "1", "--jobs", "1")
+    outcome = segway_ecc("prove", "campaign", *words, "--out", str(tmp_path))
+    assert "| `segway_can-cut` | segway, segway-odrive | 1 |" in (tmp_path / "failure-modes.md").read_text(
+        encoding="utf-8"
+    )
+    document = json.loads((tmp_path / "campaign.json").read_bytes())
+    assert [run["floor"] for run in document["runs"]] == [None, 0.8]
+    lines = outcome.out.splitlines()
+    assert "segway  " in lines[1]
+    assert "segway, friction 0.8" in lines[2] or "segway-odrive, friction 0.8" in lines[2]
+    assert lines[-1].endswith("of 1 runs end otherwise on a floor with a friction of 0.8")
+
+
+@pytest.mark.mujoco
+def test_a_floor_is_for_segways(segway_ecc: Run) -> None:
+    outcome = segway_ecc("prove", "campaign", "can-cut", "--floor", "0.8")
+    assert outcome.code == 2
+    assert "none of these scenarios is of a segway" in outcome.errors[-1]
+
+
+def test_a_floor_needs_mujoco(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("segway_ecc.hil.verbs.prove_campaign.lacks_mujoco", lambda: "pip install it")
+    outcome = segway_ecc("prove", "campaign", "segway_can-cut", "--floor", "0.8")
+    assert outcome.code == 2
+    assert outcome.errors[-1] == "segway-ecc: --floor needs MuJoCo: pip install it"
