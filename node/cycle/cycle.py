@@ -460,12 +460,13 @@ class Cycle:
             checks = self._monitor.checklist(values, ages, valid, real_time=is_real_time())
         if self._outputs.fault is not None:
             checks = [*checks, model_check(self._outputs.fault)]
-        if self._not_commissioned is not None:
-            checks = [*checks, commissioned_check(self._not_commissioned)]
+        lacking = () if self._not_commissioned is None else (self._not_commissioned,)
+        checks = [*checks, *map(commissioned_check, lacking)]
         if not self.hardware.commands:  # a robot that is all model has no drives to ask
             return checks
         reasons = self.hardware.arming_failures()
-        self.arming.answers.append(HardwareAnswer("obstacles", tuple(reasons)))
+        # A replay has no report to read: what the run was refused for is in its log beside the drives' reasons.
+        self.arming.answers.append(HardwareAnswer("obstacles", (*reasons, *lacking)))
         return [drives_check(reasons), *checks]
 
     def _initialize(self, sensors: Sensors) -> None:

@@ -40,7 +40,7 @@ _KINDS: Final = frozenset({"tuple", "deque", "dict", "same", "kept"})
 _ABSENT: Final = "nothing"
 _OUTSIDE: Final = frozenset(
     {"_clock", "_echoes", "_hardware", "_model", "_replies", "_reported", "_sent_events", "_stage", "_tally"}
-    | {"_time_base", "writer"}
+    | {"_not_commissioned", "_time_base", "writer"}
     | {"_wiring", "answers", "arming_refusal", "checklist", "events", "hardware", "recorder", "time_base"}
 )
 """Attributes of a cycle's parts that no later cycle depends on: they lie around the parts, are only reported, or are in
