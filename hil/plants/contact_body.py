@@ -29,7 +29,8 @@ _SLIDING_S: Final = 0.01
 _BUMPER_RADIUS: Final = 0.01
 _BUMPER_REACH: Final = 0.3
 """How far ahead of the axle it touches the floor, m: assumed; the body's centre is half as far when it lies there."""
-_BUMPER_FRICTION: Final = 0.2
+_BUMPER_FRICTION: Final = 0.3
+"""Of plastic on a floor, assumed; a bumper carries about half of the robot, and so it lies still on 8 degrees."""
 _ROTOR_SHARE: Final = 0.5
 """Of the wheel's inertia that turns with the motor, where a backlash parts them."""
 _HAND_STIFFNESS: Final = 3000.0

@@ -207,7 +207,8 @@ class SegwayController(SectionedModel):
             case Phase.BALANCING:  # for nearly all of its time, and so asked for first
                 return law.balanced(law.ramped(motion, e, linear, angular), e, limit)
             case Phase.STANDING_UP:
-                return law.balanced(law.rising(motion, e), e, limit)
+                begins = self.progress.elapsed == 0.0
+                return law.balanced(law.rising(motion, e, limit, begins=begins), e, limit)
             case Phase.SITTING_DOWN:
                 return law.braked(law.here(motion, e), self.rules.torque_down(e), limit)
             case _:

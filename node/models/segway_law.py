@@ -11,8 +11,9 @@ with u the sum of both wheels' torques and u[-1], u[-2] those on their way to th
 leans pitch_ref = PitchPerAcceleration a and the wheels push u_ref = TorquePerAcceleration a (in the linear model, with
 the pitch at rest). The heading is held by feedback of its error and of the yaw rate on the difference of the torques.
 
-A wheel that slips while the robot stands up has more torque than its tyre carries, and loses grip by it: it is given
-less, the longer and the faster it slips, and more again, slowly, once it rolls.
+To stand up takes nearly all that a tyre carries on an ordinary floor, and a wheel that weighs little spins within two
+periods. So each wheel begins with part of its torque and is given more while it rolls. One that slips has more than its
+tyre carries, and loses grip by it: it is given less, the longer and the faster it slips.
 """
 
 import enum
@@ -43,18 +44,21 @@ _LANDED_RATE: Final = 0.3
 _RUNAWAY_TIME_S: Final = 0.05
 _YIELD_RATE: Final = 20.0
 """Part of its torque that a slipping wheel loses, 1/s: half of it, which it lacks on friction 0.5, within 35 ms."""
-_REGAIN_RATE: Final = 3.0
-"""Torque that a wheel may have again once it rolls, N m/s: all of it within 0.4 s, which is less than a fall takes."""
-_LEAST_GRIP: Final = 0.3
-"""Torque that a wheel may always have while it hardly slips, N m: what a tyre carries on a friction of 0.23."""
-_SLIP_GAIN: Final = 0.3
+_FIRST_GRIP: Final = 0.5
+"""Part of the torque limit with which a wheel begins to stand up: less would only make it drive along on its stop."""
+_REGAIN_RATE: Final = 4.0
+"""Part of the torque limit by which a wheel may have more while it rolls, 1/s. So slowly that it spins by no more than
+0.5 m/s before it is given less; slower, the robot comes as far and faster before it is up."""
+_LEAST_GRIP: Final = 0.23
+"""Part of the torque limit that a wheel may always have while it hardly slips: what a tyre carries on ice."""
+_SLIP_GAIN: Final = 0.5
 """Torque that it loses at once for its slip, N s: with more, and two periods of delay, it slips in bursts."""
 _SLIP_LEAD: Final = 2.0
 """Periods by which the slip is foreseen: a torque acts so much later."""
 _KEPT_SPEED: Final = 0.8
 _KEPT_PITCH: Final = 0.25
-"""A robot that slipped while it stands up keeps this part of its speed, down to this pitch, rad, and less and less
-below: to brake takes the grip that getting up needs, and to arrive faster takes a longer way."""
+"""A robot that stands up with less than all its torque keeps this part of its speed, down to this pitch, rad, and less
+and less below: to brake takes the grip that getting up needs, and to arrive faster takes a longer way."""
 _RAMP_RATE: Final = 2.0
 _RAMP_LAG_S: Final = 0.2
 """The ramp of a set-point is (1 + lag s) s + rate: well damped, and without a step in acceleration."""
@@ -264,9 +268,15 @@ class Law:
             right_yield=motion.right_yield,
         )
 
-    def rising(self, motion: Motion, e: Estimate) -> Motion:
-        """The reference of a robot that stands up: where it is, at rest, or once it slipped, nearly at its speed."""
+    def rising(self, motion: Motion, e: Estimate, limit: float, *, begins: bool) -> Motion:
+        """The reference of a robot that stands up: where it is, and nearly at its speed if a wheel has not all torque.
+
+        When it `begins`, each wheel has the part of `limit`, N m, that most floors carry.
+        """
         here = self.here(motion, e)
+        if begins:
+            first = (1.0 - _FIRST_GRIP) * limit
+            return replace(here, left_yield=first, right_yield=first)
         if motion.left_yield == motion.right_yield == motion.velocity == 0.0:
             return here
         return replace(here, velocity=_KEPT_SPEED * min(abs(e.pitch) / _KEPT_PITCH, 1.0) * e.velocity)
@@ -320,8 +330,8 @@ class Law:
     def _grip(self, grip: float, slip: float, torque: float, limit: float) -> float:
         """The most torque that a wheel may have, N m, one period later: less where the torque adds to its slip."""
         if slip * torque > 0.0:
-            return max(min(grip, abs(torque)) * (1.0 - _YIELD_RATE * self._period), min(_LEAST_GRIP, limit))
-        return min(grip + _REGAIN_RATE * self._period, limit)
+            return max(min(grip, abs(torque)) * (1.0 - _YIELD_RATE * self._period), _LEAST_GRIP * limit)
+        return min(grip + _REGAIN_RATE * limit * self._period, limit)
 
     def braked(self, motion: Motion, torque: float, limit: float) -> Motion:
         """Send a sum of torques, N m, and hold no heading."""

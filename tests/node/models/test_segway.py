@@ -62,12 +62,12 @@ def test_it_rests_while_it_settles_and_then_pushes_to_where_it_leans() -> None:
     model = controller()
     model.initialize(inputs(0.5))
     sent = []
-    for _ in range(110):
+    for _ in range(140):
         model.step(inputs(0.5))
         sent.append(told(model, "Phase", "LeftTorque", "RightTorque"))
     assert sent[98] == [Phase.RESTING, 0.0, 0.0]
     assert sent[105][0] == Phase.STANDING_UP
-    assert sent[105][1] == sent[105][2] == pytest.approx(1.3)
+    assert sent[139][1] == sent[139][2] == pytest.approx(1.3)
 
 
 def test_a_gyro_that_is_off_is_learnt_at_rest() -> None:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Wheels that slip: what is estimated of it, and what they are sent, by hand-made numbers."""
 
+from itertools import pairwise
+
 import pytest
 
 from segway_ecc.node.models.segway import SegwayController
@@ -91,7 +93,7 @@ def test_a_wheel_that_slips_is_sent_less_and_the_other_one_what_it_was() -> None
     for _ in range(10):
         motion = LAW.balanced(motion, slipping, LIMIT)
         sent.append(torques(motion))
-    assert sent[0][0] == pytest.approx(0.9 - 0.3 * 0.5 * 3.0), "it comes as foreseen, two periods on"
+    assert sent[0][0] == pytest.approx(0.9 - 0.5 * 0.5 * 3.0), "it comes as foreseen, two periods on"
     assert [right for _left, right in sent] == pytest.approx([1.0] * 10)
     assert sent[2][0] > sent[5][0] > sent[9][0] > 0.0
 
@@ -107,7 +109,7 @@ def test_it_is_sent_more_again_once_it_rolls() -> None:
     for _ in range(100):
         motion = LAW.balanced(motion, leaning, LIMIT)
         sent.append(motion.sent)
-    assert sent[0] == pytest.approx(2.0 * (0.3 + 3.0 * PERIOD))
+    assert sent[0] == pytest.approx(2.0 * (0.3 + 4.0 * LIMIT * PERIOD))
     assert sent[-1] == pytest.approx(2.6)
     assert (motion.left_yield, motion.right_yield) == pytest.approx((0.0, 0.0))
 
@@ -117,14 +119,30 @@ def test_little_torque_is_left_to_a_wheel_that_hardly_slips_and_none_to_one_that
     for _ in range(200):
         hardly = LAW.balanced(hardly, Estimate(pitch=0.1, left_slip=1e-6, right_slip=1e-6), LIMIT)
         spinning = LAW.balanced(spinning, Estimate(pitch=0.1, left_slip=1.0, right_slip=1.0), LIMIT)
-    assert hardly.sent == pytest.approx(0.6, abs=1e-3)
+    assert hardly.sent == pytest.approx(2.0 * 0.23 * LIMIT, abs=1e-3)
     assert spinning.sent == 0.0
     assert stopped(hardly).left_yield == 0.0
 
 
-def test_a_robot_that_slips_while_it_stands_up_keeps_most_of_its_speed_until_it_is_nearly_up() -> None:
+def rising(motion: Motion, e: Estimate, *, begins: bool = False) -> Motion:
+    return LAW.rising(motion, e, LIMIT, begins=begins)
+
+
+def test_a_robot_that_begins_to_stand_up_is_sent_half_of_its_torque_and_more_while_its_wheels_roll() -> None:
+    leaning = Estimate(pitch=0.5)
+    motion = rising(Motion(), leaning, begins=True)
+    sent = []
+    for _ in range(40):
+        motion = LAW.balanced(rising(motion, leaning), leaning, LIMIT)
+        sent.append(motion.sent)
+    assert sent[0] == pytest.approx(LIMIT * (1.0 + 2.0 * 4.0 * PERIOD))
+    assert [after - before for before, after in pairwise(sent[:20])] == pytest.approx([2.0 * 4.0 * LIMIT * PERIOD] * 19)
+    assert sent[-1] == pytest.approx(2.0 * LIMIT)
+
+
+def test_a_robot_that_stands_up_keeps_most_of_its_speed_until_it_is_nearly_up() -> None:
     slipped = Motion(left_yield=0.1)
-    assert LAW.rising(Motion(), Estimate(pitch=0.4, velocity=1.0)).velocity == 0.0
-    assert LAW.rising(slipped, Estimate(pitch=0.4, velocity=1.0)).velocity == pytest.approx(0.8)
-    assert LAW.rising(slipped, Estimate(pitch=-0.125, velocity=1.0)).velocity == pytest.approx(0.4)
-    assert LAW.rising(Motion(velocity=0.4), Estimate(pitch=-0.125, velocity=1.0)).velocity == pytest.approx(0.4)
+    assert rising(Motion(), Estimate(pitch=0.4, velocity=1.0)).velocity == 0.0
+    assert rising(slipped, Estimate(pitch=0.4, velocity=1.0)).velocity == pytest.approx(0.8)
+    assert rising(slipped, Estimate(pitch=-0.125, velocity=1.0)).velocity == pytest.approx(0.4)
+    assert rising(Motion(velocity=0.4), Estimate(pitch=-0.125, velocity=1.0)).velocity == pytest.approx(0.4)
