@@ -29,7 +29,8 @@ Just above the limit the body rises slowly, and the run-up is long: what a contr
 
 The same limit from the torque: T = r M v', half of it from each wheel.
 
-It assumes a bumper that touches the ground ahead of the body's centre, so that it is relieved as the body rises.
+It assumes a bumper that touches the ground ahead of the body's centre, so that it is relieved as the body rises, and
+that slides: one that holds to the floor pulls the body up a little.
 """
 
 import math
