@@ -37,6 +37,8 @@ STEPS: Final = (
     "alone",
 )
 """The steps, in their order."""
+_LINES: Final = frozenset({"can", "serial"})
+"""The keys of `hardware` that say over which lines it is reached."""
 MAY_BE_LEFT_OUT: Final = frozenset({"guard"})
 """Of a robot whose file does not require one."""
 
@@ -80,11 +82,11 @@ class CommissioningReport(Section, frozen=True, kw_only=True):
 def digests_of(file: RobotFile) -> dict[str, str]:
     """SHA-256, hexadecimal, of each part of a robot file that a commissioning holds for.
 
-    Which bus the robot is on does not count, nor the folder that its model lies in.
+    Over which bus and serial line the robot is reached does not count, nor the folder that its model lies in.
     """
     hardware = msgspec.to_builtins(file.hardware)
     if not isinstance(file.hardware, NoHardwareSection):
-        del hardware["can"]
+        hardware = {name: value for name, value in hardware.items() if name not in _LINES}
     model = {"source": file.model.source.rpartition("/")[2], "parameters": file.model.parameters}
     safety = msgspec.to_builtins(file.safety)
     parts = {"hardware": hardware, "wiring": file.wiring, "model": model, "safety": safety}

@@ -61,8 +61,7 @@ def imu(session: Session, _expected: Expected) -> Found:
     if fault is not None:
         raise StepRefusedError(f"{fault}; see the IMU's driver and settings")
     if felt != _AS_DECLARED:
-        declared = _declared(session.file.hardware)
-        raise StepRefusedError(mounting.explain(felt, can_be_set=declared is not None, declared=declared))
+        raise StepRefusedError(mounting.explain(felt, declared=_declared(session.file.hardware)))
     turned = {"forward": (forward_turn, tilts["forward"]), "right": (right_turn, tilts["right"])}
     for name, (turn, tilt) in turned.items():
         _check_scale(name, mounting.length(turn), tilt, _TILT_TOLERANCE)

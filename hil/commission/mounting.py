@@ -80,13 +80,12 @@ def _across(vector: Vector, along: Vector) -> tuple[float, ...]:
     return tuple(a - share * b for a, b in zip(vector, along, strict=True))
 
 
-def explain(found: Sequence[str | None], *, can_be_set: bool, declared: Mounting | None = None) -> str:
+def explain(found: Sequence[str | None], *, declared: Mounting | None) -> str:
     """What a mounting other than the declared one is, with the remedy.
 
     Args:
         found: The sensor's axes on the robot's x, y and z, as the robot file declares the sensor now.
-        can_be_set: Whether the robot file has a mounting for this IMU.
-        declared: The mounting in the robot file.
+        declared: The mounting in the robot file; None where its IMU has none there.
     """
     if None in found:
         return "the movements lie between the IMU's axes: it is mounted askew, or the robot was not moved as told"
@@ -98,7 +97,7 @@ def explain(found: Sequence[str | None], *, can_be_set: bool, declared: Mounting
         listed = ", ".join(f"{own} on {axis}" for own, axis in zip(AXES, axes, strict=True))
         return f"the IMU's axes are swapped or mirrored ({listed}): no mounting does that; see its driver and wiring"
     text = f"the IMU is turned {turned}" if turned else "the IMU is turned about a corner"
-    if not can_be_set or declared is None:
+    if declared is None:
         return f"{text}: mount it with its x ahead, y to the left and z up"
     # What the robot calls its axes now lies on `axes` of what the declared mounting makes of the sensor.
     rows = [mounting.to_sensor([float(own == place) for place in range(3)]) for own in range(3)]

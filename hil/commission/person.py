@@ -2,8 +2,8 @@
 """Who has the robot in hand: what they can be told to do, and how they answer."""
 
 import enum
+import os
 import select
-import sys
 from typing import Protocol, TextIO
 
 
@@ -54,28 +54,41 @@ class Person(Protocol):
 
 
 class TerminalPerson:
-    """Somebody at a terminal: Enter when it is done, n and Enter where it cannot be done."""
+    """Somebody at a terminal: Enter when it is done, n and Enter where it cannot be done; see `Person`."""
 
-    def __init__(self, stream: TextIO, out: TextIO = sys.stderr) -> None:
-        """Read answers from `stream`, and write to `out`."""
-        self._stream, self._out = stream, out
+    def __init__(self, descriptor: int, out: TextIO) -> None:
+        """Read answers from a file descriptor, and write to `out`."""
+        self._descriptor, self._out = descriptor, out
+        self._typed = b""
+        self._is_gone = False
 
     def begin(self, task: Task) -> None:
-        """See `Person.begin`."""
-        while select.select([self._stream], [], [], 0.0)[0]:  # an Enter too many before the question answers nothing
-            if not self._stream.readline():
-                break
-        self._out.write(f"\n> {task}\n  Enter when done, n and Enter if it cannot be done: ")
-        self._out.flush()
+        """Tell them what to do; what was typed before answers nothing."""
+        self._read()
+        self._typed = b""
+        self._write(f"\n> {task}\n  Enter when done, n and Enter if it cannot be done: ")
 
     def answer(self) -> Answer | None:
-        """See `Person.answer`; a terminal that is gone cannot."""
-        if not select.select([self._stream], [], [], 0.0)[0]:
+        """What they typed, once it is a line; a terminal that is gone can do nothing."""
+        self._read()
+        if self._is_gone:
+            return Answer.CANNOT
+        line, end, self._typed = self._typed.partition(b"\n")
+        if not end:
+            self._typed = line
             return None
-        line = self._stream.readline()
-        return Answer.CANNOT if not line or line.strip().lower().startswith("n") else Answer.DONE
+        return Answer.CANNOT if line.strip().lower().startswith(b"n") else Answer.DONE
 
     def read(self, line: str) -> None:
-        """See `Person.read`."""
-        self._out.write(f"{line}\n")
+        """Show a line."""
+        self._write(f"{line}\n")
+
+    def _read(self) -> None:
+        while not self._is_gone and select.select([self._descriptor], [], [], 0.0)[0]:
+            data = os.read(self._descriptor, 4096)
+            self._typed += data
+            self._is_gone = not data
+
+    def _write(self, text: str) -> None:
+        self._out.write(text)
         self._out.flush()

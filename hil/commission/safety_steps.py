@@ -8,7 +8,7 @@ from typing import Final
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.hil.commission.expected import Expected
-from segway_ecc.hil.commission.person import Task
+from segway_ecc.hil.commission.person import Answer, Task
 from segway_ecc.hil.commission.session import SIDES, Session, StepRefusedError
 from segway_ecc.hil.commission.wheel_steps import Found
 from segway_ecc.node.commissioning import Verdict
@@ -93,22 +93,24 @@ def watchdog(session: Session, _expected: Expected) -> Found:
 
 def e_stop(session: Session, _expected: Expected) -> Found:
     """Command on while the person presses the e-stop: the drives are to go off against the commands."""
+    session.ask(Task.KEEP_CLEAR)
     with session.driving():
         moving = turn(session, "left")
         session.person.begin(Task.PRESS_STOP)
-        pressed: list[float] = []
+        answers: list[Answer] = []
 
         def over(sensors: Sensors) -> bool:
-            if session.person.answer() is not None:
-                pressed.append(session.value("left.velocity"))
-            return bool(pressed) or _is_off(session, sensors)
+            answers.extend(answer for answer in (session.person.answer(),) if answer is not None)
+            return bool(answers) or _is_off(session, sensors)
 
         session.record(_STOP_WITHIN_S, moving, over)
-        if pressed and not _is_off(session, session.newest):  # its press may have come just before
+        if answers and not _is_off(session, session.newest):  # its press may have come just before
             session.record(_LOOK_S, moving, lambda sensors: _is_off(session, sensors))
         off, is_silent = _is_off(session, session.newest), _is_silent(session)
         reason = "; ".join(session.newest.faults) or ", ".join(f"no fresh {name}" for name in session.stale()[:1])
         coast = session.record(_LOOK_S, moving)
+    if not off and answers != [Answer.DONE]:
+        raise StepRefusedError(f"the e-stop was not pressed within {_STOP_WITHIN_S:g} s, or there is none")
     if not off:
         raise StepRefusedError(
             "the e-stop does not end torque: it was pressed and the drives still follow commands; it must cut the "
@@ -117,12 +119,12 @@ def e_stop(session: Session, _expected: Expected) -> Found:
     verdict: Verdict = "passed"
     text = f"pressed, the drives went off against commands: {reason}"
     if is_silent:  # as drives without supply are: that torque has ended is then not reported
-        session.ask(Task.SEE_WHEELS_STOP)
+        session.ask(Task.SEE_WHEELS_STOP, may_be_silent=True)
         verdict, text = (
             "confirmed",
             f"pressed, the drives fell silent; that the wheels stopped, the person confirmed: {reason}",
         )
-    session.ask(Task.RELEASE_STOP)
+    session.ask(Task.RELEASE_STOP, may_be_silent=True)
     session.wait_until_fit()
     return Found(text, {"speed_after_rad_s": coast.of("left.velocity")[-1]}, verdict)
 
@@ -133,6 +135,7 @@ def guard(session: Session, _expected: Expected) -> Found:
     session.record(_LOOK_S)
     if session.hardware.health.get("guard") != "watches":
         raise StepRefusedError("no guard answers: start it on this machine, on the same bus")
+    session.ask(Task.KEEP_CLEAR)
     with session.driving():
         moving = turn(session, "left")
         session.record(_LOOK_S, silent=True)
@@ -157,7 +160,7 @@ def turn(session: Session, side: str) -> Callable[[float], Mapping[str, float]]:
         StepRefusedError: It does not turn.
     """
     most = session.limits[SIDES.index(side)]
-    recording = session.record(
+    recording = session.drive(
         _SPIN_UP_S,
         lambda since_s: {side: most * min(since_s / _SPIN_UP_S, 1.0)},
         lambda _: abs(session.value(f"{side}.velocity")) > _TURNING_RAD_S,

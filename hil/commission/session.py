@@ -137,11 +137,34 @@ class Session:
                 break
         return recording
 
-    def ask(self, task: Task) -> Recording:
+    def drive(
+        self,
+        seconds: float,
+        wanted: Mapping[str, float] | Callable[[float], Mapping[str, float]],
+        until: Callable[[Sensors], bool] | None = None,
+    ) -> Recording:
+        """Have commands sent, as `record` does; a wheel that turns too fast ends it.
+
+        Raises:
+            StepRefusedError: The drives report a fault, or telemetry was lost.
+        """
+
+        def over(sensors: Sensors) -> bool:
+            is_over = until is not None and until(sensors)
+            return is_over or bool(sensors.faults) or bool(self.stale()) or self.too_fast()
+
+        recording = self.record(seconds, wanted, over)
+        if self.newest.faults or self.stale():
+            reasons = [*self.newest.faults, *(f"no fresh {name}" for name in self.stale())]
+            raise StepRefusedError(f"while a wheel was driven: {'; '.join(reasons)}")
+        return recording
+
+    def ask(self, task: Task, *, may_be_silent: bool = False) -> Recording:
         """Tell the person what to do, and measure until they have done it.
 
         Raises:
-            StepRefusedError: It cannot be done, or takes longer than ten minutes; or telemetry was lost meanwhile.
+            StepRefusedError: It cannot be done, or takes longer than ten minutes; or telemetry was lost meanwhile,
+                where that may not be.
         """
         self.person.begin(task)
         answers: list[Answer] = []
@@ -155,6 +178,8 @@ class Session:
             raise StepRefusedError(f"not done within {_PATIENCE_S:g} s: {task}")
         if answers[0] is Answer.CANNOT:
             raise StepRefusedError(f"the person cannot do it: {task}")
+        if self.stale() and not may_be_silent:
+            raise StepRefusedError(f"telemetry was lost: no fresh {', '.join(self.stale())}")
         return recording
 
     def value(self, name: str) -> float:
@@ -200,7 +225,7 @@ class Session:
             for _ in range(_ZEROES):
                 self.cycle()
 
-    def too_fast(self, _sensors: Sensors | None = None) -> bool:
+    def too_fast(self) -> bool:
         """Whether a wheel turns so fast that torque is to end."""
         return max(abs(self.value(f"{side}.velocity")) for side in SIDES) > FASTEST_RAD_S
 

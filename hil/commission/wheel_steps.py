@@ -88,7 +88,7 @@ def motors(session: Session, _expected: Expected) -> Found:
         most = session.limits[SIDES.index(side)]
         with session.driving():
             start = {each: session.value(f"{each}.angle") for each in SIDES}
-            recording = session.record(
+            recording = session.drive(
                 _RAMP_S,
                 lambda since_s, side=side, most=most: {side: most * min(since_s / _RAMP_S, 1.0)},  # type: ignore[misc]
                 lambda _, start=start: any(  # type: ignore[misc]
@@ -163,8 +163,8 @@ def _gain(session: Session, side: str, *, is_voltage: bool) -> float:
         raise StepRefusedError(f"the {side} motor moves its wheel only at {moves_at:.3g}, near the most that is tried")
     for level in levels:
         with session.driving():
-            recording = session.record(
-                _LEVEL_S if is_voltage else (_PUSH_CYCLES[1] + 1) * session.period_s, {side: level}, session.too_fast
+            recording = session.drive(
+                _LEVEL_S if is_voltage else (_PUSH_CYCLES[1] + 1) * session.period_s, {side: level}
             )
         session.rest()
         speeds = recording.of(f"{side}.velocity")
@@ -181,7 +181,7 @@ def _breakaway(session: Session, side: str, most: float) -> float:
     """The command at which a wheel moves."""
     with session.driving():
         start = session.value(f"{side}.angle")
-        recording = session.record(
+        recording = session.drive(
             _RAMP_S,
             lambda since_s: {side: most * min(since_s / _RAMP_S, 1.0)},
             lambda _: abs(session.value(f"{side}.angle") - start) > _MOVED,

@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         if options.simulated:
             report = commission(file, site)
         else:
-            with stopped_by_signals(_interrupt), real_time():
+            with stopped_by_signals(_Interrupt()), real_time():
                 report = commission(file, site)
     if path is not None:
         write_report(report, path)
@@ -70,12 +70,20 @@ def _site(options: argparse.Namespace) -> Site:
     for name in ("interface", "channel", "serial"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", value]
-    return RealSite(robot_file(options), TerminalPerson(sys.stdin), words)
+    return RealSite(robot_file(options), TerminalPerson(sys.stdin.fileno(), sys.stderr), words)
 
 
-def _interrupt(reason: str) -> None:
-    """End what runs at once, by way of all that sends zero and switches off."""
-    raise KeyboardInterrupt(reason)
+class _Interrupt:
+    """Ends what runs at once, by way of all that sends zero and switches off, which a second signal does not end."""
+
+    def __init__(self) -> None:
+        self._came = False
+
+    def __call__(self, reason: str) -> None:
+        """Called on a signal."""
+        if not self._came:
+            self._came = True
+            raise KeyboardInterrupt(reason)
 
 
 def _text(report: CommissioningReport, path: Path | None) -> str:

@@ -96,6 +96,7 @@ def _changed(file: RobotFile, part: str) -> RobotFile:
         case "model":
             model = msgspec.structs.replace(file.model, parameters={**file.model.parameters, "WheelRadius": 0.051})
             return msgspec.structs.replace(file, model=model)
+    assert file.safety is not None
     return msgspec.structs.replace(file, safety=msgspec.structs.replace(file.safety, max_command=8.0))
 
 
