@@ -37,8 +37,10 @@ class Difference(NamedTuple):
 
 
 def sampled(runs: Sequence[ScenarioRun], count: int | None) -> list[ScenarioRun]:
-    """About `count` of them, at even distances; all where that is None, or more than there are."""
-    return list(runs) if count is None else list(runs[:: max(1, round(len(runs) / count))])
+    """So many of them, at even distances; all where that is None, or more than there are."""
+    if count is None or count >= len(runs):
+        return list(runs)
+    return [runs[place * len(runs) // count] for place in range(count)]
 
 
 def with_contact(runs: Sequence[ScenarioRun]) -> list[ScenarioRun]:

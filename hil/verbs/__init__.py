@@ -22,6 +22,7 @@ _ROWS: Final = (
     ("case-study", "", "the thesis' tables and figures in each seat, side by side", Section.PROOF),
     ("prove", "campaign", "what happens when parts fail, and for hours", Section.PROOF),
     ("prove campaign", "", "every fault scenario, against its expected outcome", "campaign"),
+    ("prove floor", "", "a segway on floors, slopes and obstacles, pushed and with other parameters", ""),
     ("prove fault", "can-cut", "one fault scenario in lock step", "hil"),
     ("prove kill-drill", "", "kill, stop and cut every part of a driving robot; time to zero torque", "kill-drill"),
     ("prove inputs", "", "every kind of wrong input to a robot that runs: outcome, reason, time to zero torque", ""),

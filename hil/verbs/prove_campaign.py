@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--replay", action="store_true", help="record each run too, replay its log, and ask that it be identical"
     )
     add_floor(parser, "each run of a segway also on a floor of this friction, and list what ends otherwise there")
-    parser.add_argument("--sample", type=int, metavar="N", help="only about N of the runs, at even distances")
+    parser.add_argument("--sample", type=int, metavar="N", help="only N of the runs, at even distances")
     add_json(parser)
 
 

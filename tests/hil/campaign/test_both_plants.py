@@ -38,11 +38,11 @@ def test_each_run_of_a_segway_is_made_on_both_plants() -> None:
     assert both[0]._replace(floor=0.8) == both[1]
 
 
-@pytest.mark.parametrize(("count", "expected"), [(None, 12), (100, 12), (12, 12), (4, 4), (1, 1)])
+@pytest.mark.parametrize(("count", "expected"), [(None, 12), (100, 12), (12, 12), (5, 5), (4, 4), (1, 1)])
 def test_a_sample_is_at_even_distances(count: int | None, expected: int) -> None:
     runs = [RUNS[0]._replace(seed=seed) for seed in range(12)]
     found = sampled(runs, count)
-    assert len(found) == expected
+    assert len({run.seed for run in found}) == len(found) == expected
     assert found[0] is runs[0]
 
 
