@@ -46,6 +46,7 @@ from segway_ecc.node.safety.monitor import SafetyMonitor
 from segway_ecc.node.safety.outputs import OutputWatch
 from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.safety.pre_arm import PreArmCheck, commissioned_check, drives_check, model_check
+from segway_ecc.node.safety.residual import ResidualMonitor
 from segway_ecc.node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
 
 LATENESS: Final = "lateness"
@@ -151,8 +152,9 @@ class Cycle:
         self._immediately = actuate_immediately
         watched, period_ns = safety or NOTHING_WATCHED, time_base.period_ns
         self._signal_names = list(hardware.signals)
-        self._monitor = SafetyMonitor(watched, self._signal_names, wiring.sensors, period_ns)
-        self._outputs = OutputWatch(watched, wiring.given, list(hardware.commands))
+        commands = list(hardware.commands)
+        self._monitor = SafetyMonitor(watched, self._signal_names, wiring.sensors, period_ns, commands)
+        self._outputs = OutputWatch(watched, wiring.given, commands)
         self._limiter = CommandLimiter(hardware.limits, watched.max_command, watched.command_slew, period_ns * 1e-9)
         self._zero = (0.0,) * len(hardware.commands)
         self._commands: Sequence[float] = self._zero
@@ -170,6 +172,7 @@ class Cycle:
             names, period_s = wiring.set_names, period_ns * 1e-9
             self._posture = PostureControl(watched.posture, names, self._monitor, self.arming, period_s)
         self._recorded_posture: Posture | None = None
+        self._warning: str | None = None
         self._sits_down_first = False
         self._was_live = self._was_misled = False
         self._not_commissioned = not_commissioned
@@ -215,7 +218,7 @@ class Cycle:
                 self._write(inbox, sensors)
             published = self._publish(cycle, stamp_ns, sensors, inbox, exchanged_ns)
             published_ns = now_ns()
-            self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._followed)
+            self._watch(sensors, start_ns, lateness_ns)
             setpoint = self._decide(cycle, inbox, sensors)
             self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
             decided_ns = now_ns()
@@ -237,7 +240,7 @@ class Cycle:
         # In the order of the fields: by their names takes four times as long.
         record = CycleRecord(
             cycle, stamp_ns, mode, lateness_ns, sensors, setpoint, u, y, commands, published, durations_ns, start_ns,
-            inbox, answers, initial, self._posture_change(),
+            inbox, answers, initial, self._posture_change(), self._warning,
         )  # fmt: skip
         self.recorder.write(record)
         self._initial = None
@@ -252,6 +255,11 @@ class Cycle:
     def posture(self) -> Posture | None:
         """What the robot is doing; None where it has no posture."""
         return None if self._posture is None else self._posture.watch.posture
+
+    @property
+    def residual(self) -> ResidualMonitor | None:
+        """What compares the robot's acceleration with what was designed; None where nothing does."""
+        return self._monitor.residual
 
     def sit_down_first(self) -> bool:
         """Have the robot sit down before it ends; False where it has, or need not."""
@@ -352,10 +360,20 @@ class Cycle:
             refused.popleft() if refused else None,
             echo is not None and self._supervision.is_introduced(echo.heartbeat.station),
             self.posture,
+            () if self.residual is None else self.residual.values,
         )
         self._reported = report
         self._stage.publish(report)
         return published
+
+    def _watch(self, sensors: Sensors, start_ns: int, lateness_ns: int) -> None:
+        """Have safety look at what was measured; what it warns of is an event, and no reason for anything else."""
+        monitor, values, valid = self._monitor, sensors.values, sensors.valid
+        monitor.look(values, valid, start_ns, lateness_ns, self._followed)
+        balances = self.posture is Posture.BALANCING
+        self._warning = monitor.look_for_deviations(values, valid, self._commands, balances=balances)
+        if self._warning is not None:
+            self.events.append(self._warning)
 
     def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:
         """Take what arrived, then the mode and the set-point of this cycle; `REST` where none is to be followed."""
@@ -506,7 +524,7 @@ class Cycle:
         record = CycleRecord(
             cycle, self.time_base.stamp_ns(cycle), arming.modes.mode, lateness_ns, sensors, REST, u, y, self._zero,
             self._wiring.publish(sensors, y), (0,) * (len(PHASES) - 1), self._start_ns, inbox, arming.answers,
-            self._initial, self._posture_change(),
+            self._initial, self._posture_change(), self._warning,
         )  # fmt: skip
         self.recorder.write(record)
         if self._reported is not None and self._stage.wants_reports:

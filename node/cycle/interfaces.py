@@ -137,6 +137,8 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
         refused_trajectory: One that was refused; each of them is in one report.
         is_introduced: Whether the station of `heartbeat` watches over the robot: its heartbeats count.
         posture: Of a robot that has one.
+        residual: Of a robot whose acceleration is compared with what was designed: the residual, N, and what is
+            estimated from it; see `ResidualMonitor.values`.
     """
 
     stamp_ns: int
@@ -156,6 +158,7 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
     refused_trajectory: TrajectoryStatus | None = None
     is_introduced: bool = False
     posture: Posture | None = None
+    residual: tuple[float, ...] = ()
 
 
 class Stage(Protocol):
@@ -204,6 +207,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
         answers: What the hardware answered, in order.
         initial: The snapshot that the model started from, in the first cycle only.
         posture: The posture that was entered in it, of a robot that has one; None where it stayed.
+        warning: What the residual monitor began or ceased to warn of in it, of a robot that has one.
     """
 
     cycle: int
@@ -222,6 +226,7 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     answers: Sequence[HardwareAnswer] = ()
     initial: Sensors | None = None
     posture: PostureChange | None = None
+    warning: str | None = None
 
 
 class Recorder(Protocol):

@@ -13,6 +13,7 @@ from segway_ecc.node.cycle.timing import Histogram, LoopCounters, Summary, TimeB
 from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.safety.posture import Posture
+from segway_ecc.node.safety.residual import CAUSES, UNITS, ResidualMonitor
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
@@ -42,6 +43,10 @@ class Observed(Protocol):
     @property
     def posture(self) -> Posture | None:
         """What the robot is doing; None where it has no posture."""
+
+    @property
+    def residual(self) -> ResidualMonitor | None:
+        """What compares the robot's acceleration with what was designed; None where nothing does."""
 
     @property
     def histograms(self) -> dict[str, Histogram]:
@@ -93,7 +98,19 @@ class DiagnosticReport:
         yield
         setpoints = self._setpoints()
         yield
-        self.statuses = mode, timing, setpoints, self._hardware()
+        self.statuses = mode, timing, setpoints, self._hardware(), *self._residual()
+
+    def _residual(self) -> Iterator[DiagnosticStatus]:
+        """What differs from the design, of a robot where that is watched."""
+        residual = self._cycle.residual
+        if residual is None:
+            return
+        estimates = dict(zip(CAUSES, zip(residual.estimates, UNITS, strict=True), strict=True))
+        values = {cause: f"{value:+.4g} {unit}" for cause, (value, unit) in estimates.items()}
+        beyond = [cause for cause, warned in zip(CAUSES, residual.warned, strict=True) if warned]
+        trouble = ", ".join(f"{cause} {values[cause]}" for cause in beyond)
+        values["residual"] = f"{residual.residual:+.3g} N"
+        yield self._status("residual", trouble and f"not as designed: {trouble}", "as designed", values)
 
     def _timing(self) -> DiagnosticStatus:
         counters = self._counters

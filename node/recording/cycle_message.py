@@ -14,6 +14,7 @@ that they come back bit for bit.
     ["answer", CALL, [TEXT, ...]]       what the hardware answered: to arm, obstacles, exchange or send
     ["initial", {...}]                  the snapshot that the model started from
     ["posture", POSTURE, REASON]        the posture that was entered, of a robot that has one
+    ["warning", TEXT]                   what the residual monitor began or ceased to warn of
     ["setpoints", [[V, W], NS]]         what arrived, by its place in the inbox; one piece for each
 """
 
@@ -189,6 +190,7 @@ def events_of(record: CycleRecord) -> Sequence[Piece]:
         and not sensors.events
         and record.initial is None
         and record.posture is None
+        and record.warning is None
     ):
         return ()
     pieces: list[Piece] = [] if record.initial is None else [["initial", asdict(record.initial)]]
@@ -199,6 +201,7 @@ def events_of(record: CycleRecord) -> Sequence[Piece]:
     pieces += [["fault", fault] for fault in sensors.faults]
     pieces += [["event", event] for event in sensors.events]
     pieces += [["posture", *record.posture]] if record.posture is not None else []
+    pieces += [["warning", record.warning]] if record.warning is not None else []
     return pieces
 
 
@@ -214,6 +217,7 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
         RecordingError: A text is none of those that `encode_events` returns.
     """
     inbox, answers, faults, events, initial, posture = Inbox(), [], [], [], None, None
+    warning: str | None = None
     try:
         for text in held:
             match json.loads(text):
@@ -227,6 +231,8 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
                     initial = msgspec.convert(snapshot, Sensors)
                 case ["posture", entered, why]:
                     posture = PostureChange(Posture(entered), str(why))
+                case ["warning", what]:
+                    warning = str(what)
                 case other:  # raises unless it is a name and a value
                     name, value = other
                     request = Request(Action(str(value)), discard_answer) if _KINDS[name] is Request else None
@@ -235,7 +241,9 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
         problem = shortened(str(error))
         raise RecordingError(f"the events of cycle {record.cycle} in the log are not understood: {problem}") from error
     sensors = replace(record.sensors, faults=tuple(faults), events=tuple(events))
-    return replace(record, sensors=sensors, inbox=inbox, answers=answers, initial=initial, posture=posture)
+    return replace(
+        record, sensors=sensors, inbox=inbox, answers=answers, initial=initial, posture=posture, warning=warning
+    )
 
 
 def discard_answer(_answer: Answer) -> None:

@@ -309,11 +309,18 @@ def differences(layout: CycleLayout, recorded: CycleRecord, computed: CycleRecor
         yield "model", failure or "a step", failure_now or "a step"
     if recorded.mode is not computed.mode:
         yield "mode", str(recorded.mode), str(computed.mode)
+    yield from _changed(recorded, computed)
+
+
+def _changed(recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
+    """Where the posture that was entered differs, or what the residual monitor warns of."""
     if recorded.posture != computed.posture:
         old_posture, new_posture = (
             str(each.posture) if each else "as before" for each in (recorded.posture, computed.posture)
         )
         yield "posture", old_posture, new_posture
+    if recorded.warning != computed.warning:
+        yield "warning", recorded.warning or "none", computed.warning or "none"
 
 
 def same(a: Sequence[float], b: Sequence[float]) -> bool:

@@ -114,6 +114,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
         topics: Topics that variables are published on, in the order of the wiring.
         set_names: Names of the values that anybody may set, in the order of the wiring.
         stand: Of these the one that stands the robot up or sits it down; None where it has no posture.
+        residual: What is published of the residual monitor, with its unit; empty where the robot has none.
         parameters: The model's parameters as the robot declares them, each with the value that it has now.
         reports: File descriptor of the ring from the loop.
         inboxes: That of the ring to the loop.
@@ -129,6 +130,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     topics: tuple[str, ...]
     set_names: tuple[str, ...]
     stand: str | None
+    residual: tuple[str, ...] = ()
     parameters: tuple[Variable, ...]
     reports: int
     inboxes: int
@@ -137,7 +139,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def report_slots(self) -> int:
         """Of the ring from the loop; a cycle's report may need more than its share where its reasons are long."""
-        numbers = len(self.published) + len(self.topics) + len(self.set_names)
+        numbers = len(self.published) + len(self.topics) + len(self.set_names) + len(self.residual)
         return _REPORTS * slots_for(_REPORT_BYTES + _NUMBER_BYTES * numbers)
 
 

@@ -47,6 +47,7 @@ def make_topics(node: RosObject, settings: RosSettings) -> list[Topic]:
         make_mode_publisher(node, settings.robot, stand=stand),  # the first: a stop is confirmed by it
         _setpoint(node, settings.ros),
         make_status_publisher(node, settings.robot),
+        *([make_residual_publisher(node, settings.residual)] if settings.residual else ()),
         *make_publishers(node, settings.ros, settings.published),
         *(_number(node, topic.replace(".", "/"), "topics", place) for place, topic in enumerate(settings.topics)),
     ]
@@ -196,6 +197,25 @@ def _measured(node: RosObject, topic: str, message: RosObject, numbers: Sequence
 
 def _stamped(message: RosObject, *numbers: str) -> Template:
     return Template(message, *STAMP, *((path, "d") for path in numbers))
+
+
+def make_residual_publisher(node: RosObject, names: Sequence[str]) -> Topic:
+    """What is left of the acceleration, and what it is laid to, ten times a second by the stamps."""
+    kind, dimension = message_type("std_msgs/msg/Float64MultiArray"), message_type("std_msgs/msg/MultiArrayDimension")
+    message, publisher = kind(), node.create_publisher(kind, "residual", _DEPTH)
+    message.layout.dim = [dimension(label="; ".join(names), size=len(names), stride=len(names))]
+    last_turn = -1
+
+    def publish(report: Report) -> None:
+        nonlocal last_turn
+        turn = report.stamp_ns // _MODE_PERIOD_NS
+        if turn == last_turn or not report.residual:
+            return
+        last_turn = turn
+        message.data = list(report.residual)
+        publisher.publish(message)
+
+    return Topic(publisher, publish)
 
 
 def _battery(node: RosObject, ros: RosSection, index: int) -> Topic:

@@ -39,6 +39,7 @@ from segway_ecc.node.ros.protocol import (
     encoder,
 )
 from segway_ecc.node.safety.modes import Answer
+from segway_ecc.node.safety.residual import SHOWN
 
 INBOX_SLOTS: Final = 32
 """Slots, all of which are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
@@ -233,6 +234,7 @@ class RemoteStage:
             topics=tuple(wiring.topics),
             set_names=wiring.set_names,
             stand=safety.posture.stand if (safety := robot.file.safety) and safety.posture else None,
+            residual=SHOWN if safety and safety.residual else (),
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in parameters),
             reports=bridge.reports,
             inboxes=bridge.inboxes,

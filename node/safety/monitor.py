@@ -19,6 +19,7 @@ from segway_ecc.node.safety.plausibility import (
 )
 from segway_ecc.node.safety.posture import LIES_FOR_S, Body
 from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
+from segway_ecc.node.safety.residual import ResidualMonitor
 from segway_ecc.node.safety.settings import ChecklistSettings, SafetySettings
 from segway_ecc.node.safety.tilt import StillWatch, TiltWatch
 
@@ -34,14 +35,21 @@ class SafetyMonitor:
 
     The robot or a check `needs` the signals at these places: one of them lost is a fault. `faults` is what was wrong in
     the newest cycle, `elapsed_s` how long that began after the one before, s, and `body` what is measured there of a
-    robot that has a posture.
+    robot that has a posture. `residual` compares its acceleration with what was designed, where that is watched.
     """
 
-    def __init__(self, settings: SafetySettings, signals: Sequence[str], used: Sequence[int], period_ns: int) -> None:
+    def __init__(
+        self,
+        settings: SafetySettings,
+        signals: Sequence[str],
+        used: Sequence[int],
+        period_ns: int,
+        sends: Sequence[str] = (),
+    ) -> None:
         """Watch a robot that measures `signals`, of whose places its model has `used`, and has this period, ns.
 
         Raises:
-            ConfigurationError: A check needs a signal that the robot does not measure.
+            ConfigurationError: A check needs a signal that the robot does not measure, or a command it does not send.
         """
         self._settings = settings
         self._signals = {name: index for index, name in enumerate(signals)}
@@ -53,6 +61,7 @@ class SafetyMonitor:
         self._period_s = period_ns / 1e9
         self._tilt = self._make_tilt()
         self._gravity = self._make_gravity()
+        self.residual = self._make_residual(sends)
         self._checks: tuple[Check, ...] = tuple(self._make_checks())
         self.needs: tuple[int, ...] = tuple(
             sorted({*used, *(index for check in self._checks for index in check.needs)})
@@ -113,6 +122,19 @@ class SafetyMonitor:
         self.faults = faults
         return faults
 
+    def look_for_deviations(
+        self, values: Sequence[float], valid: Sequence[bool], sent: Sequence[float], *, balances: bool
+    ) -> str | None:
+        """What begins or ends to differ from the design in the cycle that was taken last; nothing in nearly all.
+
+        The commands `sent` left in it; `balances` is whether the robot did so, and neither stood up nor lay.
+        """
+        if self.residual is None:
+            return None
+        view = View(values, valid, max(round(self.elapsed_s / self._period_s), 1))
+        self.residual.look(view, sent, balances=balances)
+        return self.residual.warning
+
     @property
     def imu_is_credible(self) -> bool:
         """Whether the newest sample of the IMU goes with gravity and those before, as far as that is watched."""
@@ -167,6 +189,21 @@ class SafetyMonitor:
             return None
         left, right, gyro, x, z = self._places("gravity", (*_VELOCITIES, _IMU[1], _IMU[3], _IMU[5]))
         return GravityCheck((left, right), (gyro, x, z), settings, self._period_s)
+
+    def _make_residual(self, commands: Sequence[str]) -> ResidualMonitor | None:
+        settings = self._settings.residual
+        if settings is None:
+            return None
+        left, right, gyro, x = self._places("residual", (*_VELOCITIES, _IMU[1], _IMU[3]))
+        kind = "torque" if settings.motor is None else "voltage"
+        names = [f"{side}.{kind}" for side in _SIDES]
+        if any(name not in commands for name in names) or self._settings.posture is None:
+            raise ConfigurationError(
+                f"safety.residual needs safety.posture and the commands {' and '.join(names)}; with motor it is for "
+                f"voltages, without for torques; this robot has {', '.join(commands) or 'none'}"
+            )
+        places = list(commands).index(names[0]), list(commands).index(names[1])
+        return ResidualMonitor((left, right), (gyro, x), places, settings, self._period_s)
 
     def _make_checks(self) -> Iterator[Check]:
         settings, period_s = self._settings, self._period_s

@@ -106,6 +106,49 @@ class GravitySettings(Section, frozen=True, kw_only=True):
     settle_s: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] = 0.4
 
 
+class MotorSettings(Section, frozen=True, kw_only=True):
+    """The motor of a wheel that takes a voltage: its resistance, Ohm, and its constant at the wheel, N m/A."""
+
+    resistance: Positive
+    constant: Positive
+
+
+class ResidualSettings(Section, frozen=True, kw_only=True):
+    """How a robot that balances was designed, and from which deviation on it warns; see `ResidualMonitor`.
+
+    Attributes:
+        wheel_radius: m.
+        imu_height: Of the IMU above the axle, m, -3 to 3.
+        mass: Of all that moves, with the wheels' inertia over the square of their radius, kg.
+        moment: The body's mass times the height of its centre above the axle, kg m.
+        coulomb_friction: Of each wheel, N m.
+        viscous_friction: Of each wheel, N m s.
+        motor: Of wheels that are commanded a voltage; None for a torque.
+        delay_s: From when a command is sent until its acceleration is measured, s.
+        payload_height: Above the axle, at which a payload is looked for, m; None for the centre of mass.
+        payload_kg: Largest payload, more or less, kg.
+        slope_rad: Largest slope, rad.
+        friction_n_m: Most Coulomb friction of a wheel beyond what is known, N m.
+        radius_share: Largest deviation of the tyres' radius, 1.
+        for_s: How long a deviation must last, s.
+    """
+
+    wheel_radius: Positive
+    imu_height: Annotated[float, msgspec.Meta(ge=-3.0, le=3.0)]
+    mass: Positive
+    moment: Positive
+    coulomb_friction: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 0.0
+    viscous_friction: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
+    motor: MotorSettings | None = None
+    delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.1)] = 0.01
+    payload_height: Annotated[float, msgspec.Meta(ge=0.0, le=3.0)] | None = None
+    payload_kg: Positive
+    slope_rad: Positive
+    friction_n_m: Positive
+    radius_share: Positive
+    for_s: Span = 1.0
+
+
 class PostureSettings(Section, frozen=True, kw_only=True):
     """How a robot that balances stands up and sits down, by its tilt from upright.
 
@@ -216,6 +259,7 @@ class SafetySettings(Section, frozen=True, kw_only=True):
     following_error: FollowingErrorSettings | None = None
     runaway: RunawaySettings | None = None
     gravity: GravitySettings | None = None
+    residual: ResidualSettings | None = None
     posture: PostureSettings | None = None
     supply: SupplyWindow | None = None
     late_cycles_limit: LateCyclesLimit | None = None

@@ -15,6 +15,8 @@ from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.models.cart import Cart
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.node.safety.posture import Posture
+from segway_ecc.node.safety.residual import ResidualMonitor
+from segway_ecc.node.safety.settings import ResidualSettings
 from segway_ecc.testing import RecordingHardware
 
 PERIOD = 10_000_000
@@ -25,6 +27,7 @@ class Observed:
     hardware: Hardware
     sensors: Sensors | None = field(default_factory=Sensors)
     posture: Posture | None = None
+    residual: ResidualMonitor | None = None
     arming: ArmingManager = field(init=False)
     schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
     writer: VariableWriter = field(default_factory=lambda: VariableWriter(Cart(), declared_variables(Cart())))
@@ -95,6 +98,30 @@ def test_the_last_set_stays_until_the_next_is_complete(observed: Observed, repor
     report.begin()
     report.work()
     assert report.statuses[0].message == "DISARMED: just started"
+
+
+def test_the_residual_status_has_every_estimate_and_warns_of_what_is_beyond(
+    observed: Observed, report: DiagnosticReport
+) -> None:
+    settings = ResidualSettings(
+        wheel_radius=0.05,
+        imu_height=0.5,
+        mass=5.0,
+        moment=1.0,
+        payload_kg=1.0,
+        slope_rad=0.1,
+        friction_n_m=0.1,
+        radius_share=0.1,
+    )
+    observed.residual = ResidualMonitor((0, 1), (2, 3), (0, 1), settings, 0.005)
+    observed.residual.estimates = [0.1, 0.2, 0.0, -0.01]
+    status = gather(report)["cart: residual"]
+    assert (status.level, status.message) == (Level.OK, "as designed")
+    assert status.values["slope"] == "+0.2 rad"
+    assert status.values.keys() == {"payload", "slope", "friction", "radius", "residual"}
+    observed.residual.warned = [False, True, False, False]
+    status = gather(report)["cart: residual"]
+    assert (status.level, status.message) == (Level.WARN, "not as designed: slope +0.2 rad")
 
 
 def test_mode_status_has_reason_and_level(observed: Observed, report: DiagnosticReport) -> None:

@@ -149,7 +149,9 @@ def all_that_can_happen() -> CycleRecord:
     initial = Sensors((1.5,), (math.inf,), (False,))
     fallen = PostureChange(Posture.FALLEN, "it leans")
     answers = [HardwareAnswer("arm", ("no",))]
-    record = replace(EMPTY, inbox=inbox, sensors=sensors, initial=initial, answers=answers, posture=fallen)
+    record = replace(
+        EMPTY, inbox=inbox, sensors=sensors, initial=initial, answers=answers, posture=fallen, warning="a slope"
+    )
     assert all(getattr(inbox, name) for name in Inbox.__struct_fields__ if name != "writes")  # recorded as written
     assert all(astuple(record)[12:])
     return record

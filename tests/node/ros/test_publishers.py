@@ -7,12 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
-from segway_ecc.node.ros.publishers import make_publishers
+from segway_ecc.node.ros.publishers import make_publishers, make_residual_publisher
 from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.residual import SHOWN
 
 pytestmark = pytest.mark.ros
 
@@ -112,3 +114,20 @@ def test_a_battery_is_published_twice_a_second_while_it_is_measured() -> None:
     assert battery([(0, math.nan), (10, 24.0), (20, 25.0)]) == [("BatteryState", "battery_state", 10, 24.0)]
     # A clock that was set back is followed.
     assert [volts for *_, volts in battery([(5 * 10**9, 1.0), (10**9, 2.0)])] == [1.0, 2.0]
+
+
+def test_the_residual_is_published_ten_times_a_second_with_the_names_of_its_numbers() -> None:
+    sent: list[Any] = []
+    node = SimpleNamespace(
+        create_publisher=lambda _kind, topic, _depth: SimpleNamespace(
+            publish=lambda message: sent.append((topic, list(message.data), message.layout.dim[0].label))
+        )
+    )
+    topic = make_residual_publisher(node, SHOWN)
+    for cycle in range(60):
+        topic.publish(replace(report(STAMP_NS + cycle * 5_000_000, []), residual=(float(cycle), 0.1, 0.2, 0.3, 0.4)))
+    assert [name for name, *_ in sent] == ["residual"] * len(sent)
+    assert len(sent) in {3, 4}
+    assert sent[0][1:] == ([0.0, 0.1, 0.2, 0.3, 0.4], "residual, N; payload, kg; slope, rad; friction, N m; radius, 1")
+    topic.publish(report(STAMP_NS + 10**9, []))
+    assert len(sent) in {3, 4}
