@@ -25,14 +25,22 @@ _LEAST_DEVIATIONS: Final = np.array([2e-4, 2e-4, 2e-3, 2e-3, 2e-3, 0.02, 0.02, 0
 """Of what the channels leave, rad, rad/s and m/s2: no encoder and no IMU is better, and no model of it."""
 _FIRST_DEVIATIONS: Final = np.array([0.02, 0.02, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0])
 _REST_DEVIATION: Final = 1e-3
-_MOST_PASSES: Final = 30
+_MOST_PASSES: Final = 60
 _HALVINGS: Final = 6
 _CONVERGED: Final = 0.1
 """Of the largest change, in the standard deviations of the estimate."""
+_GAINED: Final = 1.0
+"""Of the sum of squares, which would grow by one for a change of one standard deviation."""
+_LEAST_PASSES: Final = 4
 _OUTLIER: Final = 4.0
 """Times the median of the windows' mean square."""
+_MODEL_DEVIATION: Final = 0.005
+"""Of every size, as a share: assumed for what the equations leave out, which all windows have in common."""
 _BLOCK: Final = 2
 _STEP: Final = 1e-4
+"""For slopes by differences."""
+_TIME_STEP_S: Final = 5e-4
+"""The same for a delay: longer, since commands change in steps."""
 NORMAL_95: Final = 1.96
 
 OnPass = Callable[[int, int], None]
@@ -83,27 +91,31 @@ class Fitter:
         bounds = np.array([q.bounds for q in quantities])
         self._least, self._most = bounds[:, 0], bounds[:, 1]
         self._bias = [i for i, q in enumerate(quantities) if q.name.startswith("GyroBias")]
+        self._sizes = np.array([q.is_size for q in quantities])
+        self._steps = np.array([_TIME_STEP_S if q.unit == "s" else _STEP for q in quantities])
         self._shown = np.broadcast_to(windows.mask[..., None], windows.measured.shape).copy()
         self._shown[:, :LOST, 2:] = 0.0
 
     def fit(self, on_pass: OnPass = lambda _done, _of: None) -> Fit:
         """Find them."""
         theta, start = self._known.copy(), self._windows.start.copy()
-        deviations, weights = _FIRST_DEVIATIONS, np.ones(len(start))
+        deviations, weights = _FIRST_DEVIATIONS, np.ones(len(start), dtype=np.float64)
         passes, converged = 0, False
         for passes in range(1, _MOST_PASSES + 1):
             on_pass(passes, _MOST_PASSES)
             normal = self._linearize(theta, start, deviations)
             information, score = self._sums(normal, weights, theta)
-            change = np.linalg.solve(information, score)
-            theta, start = self._move(theta, start, normal, change, deviations, weights)
+            change: Matrix = np.asarray(np.linalg.solve(information, score), dtype=np.float64)
+            theta, start, gained = self._move(theta, start, normal, change, deviations, weights)
             residuals = self._residuals(theta, start)
             deviations, weights = self._judge(residuals)
             converged = bool(np.abs(change / np.sqrt(np.diag(np.linalg.inv(information)))).max() < _CONVERGED)
+            converged = converged or (gained < _GAINED and passes > _LEAST_PASSES)
             if converged:
                 break
         normal = self._linearize(theta, start, deviations)
         covariance, inflation = self._covariance(normal, weights)
+        covariance += np.diag(np.where(self._sizes, _MODEL_DEVIATION**2, 0.0))
         outliers = float((weights < 1.0).mean())
         return Fit(self._quantities, theta, covariance, deviations, inflation, outliers, len(start), passes, converged)
 
@@ -120,7 +132,7 @@ class Fitter:
 
     def _linearize(self, theta: Matrix, start: Matrix, deviations: Matrix) -> _Normal:
         count, states = len(theta), start.shape[1]
-        steps = _STEP * np.concatenate([np.minimum(1.0, 100.0 * self._spread), np.ones(states)])
+        steps = np.concatenate([self._steps, np.full(states, _STEP)])
         sets = np.repeat(theta[None], 1 + count + states, axis=0)
         starts = np.repeat(start[None], 1 + count + states, axis=0)
         for place in range(count):
@@ -156,18 +168,18 @@ class Fitter:
 
     def _move(  # noqa: PLR0913, PLR0917 - where it is, where it would go, and how that is weighed
         self, theta: Matrix, start: Matrix, normal: _Normal, change: Matrix, deviations: Matrix, weights: Matrix
-    ) -> tuple[Matrix, Matrix]:
-        """Go as far as it gets better."""
+    ) -> tuple[Matrix, Matrix, float]:
+        """Go as far as it gets better, no size by more than its deviation before; also by how much it did."""
         before = self._cost(theta, start, deviations, weights)
-        at_once = np.abs(change / self._spread).max()
-        share = min(1.0, 1.0 / at_once) if at_once > 0.0 else 1.0
+        share = 1.0 / max(1.0, float(np.abs(change / self._spread)[self._sizes].max()))
         for _ in range(_HALVINGS):
             tried = np.clip(theta + share * change, self._least, self._most)
             moved = start + share * normal.start_step - np.einsum("wij,j->wi", normal.start_gain, tried - theta)
-            if self._cost(tried, moved, deviations, weights) <= before:
-                return tried, moved
+            after = self._cost(tried, moved, deviations, weights)
+            if after <= before:
+                return tried, moved, before - after
             share *= 0.5
-        return theta, start
+        return theta, start, 0.0
 
     def _cost(self, theta: Matrix, start: Matrix, deviations: Matrix, weights: Matrix) -> float:
         squares = (self._residuals(theta, start) / deviations) ** 2

@@ -30,7 +30,7 @@ class Verdict(enum.StrEnum):
     """Where a value comes from."""
 
     TOLD = "told by the runs"
-    UNTOLD = "as it was before"
+    UNTOLD = "hardly told by the runs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +62,11 @@ class Estimate:
         return 0.5 * math.log(self.most / self.least) if self.is_size else 0.5 * (self.most - self.least)
 
     @property
+    def is_wide(self) -> bool:
+        """Whether it is a size that is known to a tenth or worse."""
+        return self.is_size and self.half_width > _WIDE
+
+    @property
     def interval_text(self) -> str:
         """The half width, for a table."""
         return f"{100.0 * self.half_width:.1f} %" if self.is_size else f"{self.half_width:.2g}"
@@ -70,8 +75,8 @@ class Estimate:
     def remark(self) -> str:
         """Why the interval is wide, where it is."""
         if self.verdict is Verdict.UNTOLD:
-            return "the runs do not tell it; it stays as it was"
-        if self.together_with and self.is_size and self.half_width > _WIDE:
+            return "the runs hardly tell it"
+        if self.together_with and self.is_wide:
             return f"not told apart from {', '.join(self.together_with)}"
         return ""
 

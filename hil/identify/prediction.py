@@ -59,7 +59,6 @@ class Predictor:
             rates = robot.rates(middle, *np.moveaxis(commands[n], -1, 0))
             state = [x + step * dx for x, dx in zip(state, rates, strict=True)]
             shown[n] = robot.motion(state, rates)
-        angles[-1, ..., 0], angles[-1, ..., 1] = state[4], state[5]
         imu = _delayed(shown, of["ImuLatency"][:, 0] / step)
         return np.moveaxis(np.concatenate([angles, _distorted(imu, of)], axis=-1), 0, 2)
 
@@ -134,15 +133,24 @@ class _Robot:
 
 
 def _means(windows: Windows, delay_s: Matrix, step: float) -> Matrix:
-    """The mean command over each step, each command acting `delay_s` late: steps by sets by windows by sides."""
+    """The mean command over each step, each command acting `delay_s` late: steps by sets by windows by sides.
+
+    A command comes in within a step, as behind the lag of a motor, so that the mean has a slope at every delay: it is a
+    second difference of the second integral of what was sent.
+    """
     commands, period = windows.commands, windows.period_s
-    before = np.concatenate([np.zeros_like(commands[:, :1]), np.cumsum(commands, axis=1)], axis=1) * period
-    times = np.arange(SAMPLES * _SUBSTEPS)[:, None] * step - delay_s[None, :]
-    places = times / period + HISTORY
-    whole = np.clip(np.floor(places).astype(int), 0, commands.shape[1] - 1)
-    share = (places - whole)[..., None, None] * period
-    until = np.moveaxis(before[:, whole], 0, 2) + share * np.moveaxis(commands[:, whole], 0, 2)
-    means: Matrix = np.diff(until, axis=0) / step
+    zero = np.zeros_like(commands[:, :1])
+    once = np.concatenate([zero, np.cumsum(commands, axis=1)], axis=1) * period
+    twice = np.concatenate([zero, np.cumsum(once[:, :-1] * period + 0.5 * commands * period**2, axis=1)], axis=1)
+    times = (np.arange(SAMPLES * _SUBSTEPS + 1) - 0.5)[:, None] * step - delay_s[None, :] + HISTORY * period
+    whole = np.clip(np.floor(times / period).astype(int), 0, commands.shape[1] - 1)
+    since = (times - whole * period)[..., None, None]
+
+    def at(values: Matrix) -> Matrix:
+        return np.moveaxis(values[:, whole], 0, 2)
+
+    integral = at(twice) + at(once) * since + 0.5 * at(commands) * since**2
+    means: Matrix = np.diff(integral, n=2, axis=0) / step**2
     return means
 
 

@@ -20,6 +20,8 @@ from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters, model_name
 
 _SIZE: Final = 0.3
+_WHEEL: Final = 0.15
+"""What is weighed and measured of a wheel gives its inertia that well."""
 _FRICTION: Final = 1.0
 _RESISTANCE: Final = 0.05
 _MEASURED: Final = 0.01
@@ -31,7 +33,7 @@ _SIZES: Final = {
     "body_pitch_inertia": _SIZE,
     "body_yaw_inertia": _SIZE,
     "wheel_radius": _SIZE,
-    "wheel_inertia": _SIZE,
+    "wheel_inertia": _WHEEL,
     "track": _SIZE,
     "viscous_friction": _FRICTION,
     "coulomb_friction": _FRICTION,
@@ -144,12 +146,12 @@ def _held(all_of_them: Sequence[Quantity], measured: Mapping[str, float]) -> tup
             raise ConfigurationError(
                 f"--measured {name}={value:g}: it is to be from {quantity.least:g} to {quantity.most:g} {quantity.unit}"
             )
-    return tuple(
-        dataclasses.replace(q, known=value, deviation=_MEASURED if q.is_size else max(abs(value), 0.01) * _MEASURED)
-        if (value := measured.get(q.name)) is not None
-        else q
-        for q in all_of_them
-    )
+    return tuple(_measured(q, measured[q.name]) if q.name in measured else q for q in all_of_them)
+
+
+def _measured(q: Quantity, value: float) -> Quantity:
+    deviation = _MEASURED if q.is_size else max(abs(value), 0.01) * _MEASURED
+    return dataclasses.replace(q, known=value, deviation=deviation)
 
 
 def prior(all_of_them: Sequence[Quantity]) -> tuple[Matrix, Matrix]:

@@ -59,14 +59,19 @@ def with_ranges(text: str, file: RobotFile, values: Mapping[str, float]) -> tupl
     moved = []
     for name, (low, high) in file.model.ranges.items():
         value = values.get(name)
-        if value is None or low <= value <= high:
+        if value is None or ((low is None or low <= value) and (high is None or value <= high)):
             continue
-        share = value / (0.5 * (low + high))
-        ends = f"[{float(f'{low * share:.4g}')!r}, {float(f'{high * share:.4g}')!r}]"
+        middle = sum(end for end in (low, high) if end is not None) / sum(end is not None for end in (low, high))
+        ends = f"[{_moved(low, value / middle)}, {_moved(high, value / middle)}]"
         text, count = re.subn(rf"^(    {name}:) *\[[^\]]*\]", rf"\g<1> {ends}", text, count=1, flags=re.MULTILINE)
         if not count:
             raise ConfigurationError(
-                f"model.ranges has {name} from {low:g} to {high:g}, and {value:g} was identified: change that range"
+                f"model.ranges has {name} from {low} to {high}, and {value:g} was identified: change that range"
             )
         moved.append(f"{name} {ends}")
     return text, moved
+
+
+def _moved(end: float | None, share: float) -> str:
+    """An end of a range, as YAML; an open end stays open."""
+    return "null" if end is None else repr(float(f"{end * share:.4g}"))

@@ -24,6 +24,8 @@ HISTORY: Final = 6
 MOST_WINDOWS: Final = 240
 _OFF_STOP: Final = 0.9
 """Part of the stop's angle beyond which bumpers may touch the ground."""
+_SLOWEST: Final = 0.3
+"""Of a wheel against the body, rad/s: where it nearly stands, friction is not what a simple law has."""
 _REST_SAMPLES: Final = 40
 _REST_SPEED: Final = 0.02
 CHANNELS: Final = ("LeftAngle", "RightAngle", *(f"{kind}{axis}" for kind in ("Gyro", "Acceleration") for axis in "XYZ"))
@@ -76,18 +78,18 @@ class Windows(NamedTuple):
         )
 
 
-def read_run(path: Path) -> tuple[Run, RobotFile]:
-    """Read a log.
+def read_run(path: Path, skip_s: float = 0.0) -> tuple[Run, RobotFile]:
+    """Read a log, without its first `skip_s` seconds.
 
     Raises:
         RecordingError: It is no log of a run, or of no robot that balances.
     """
     recorded = RecordedRun(path)
-    return run_of(recorded.cycles(), recorded.layout, where=str(path)), recorded.robot
+    return run_of(recorded.cycles(), recorded.layout, skip_s=skip_s, where=str(path)), recorded.robot
 
 
-def run_of(records: Iterable[CycleRecord], layout: CycleLayout, where: str = "the run") -> Run:
-    """Take what is needed of a run's cycles.
+def run_of(records: Iterable[CycleRecord], layout: CycleLayout, *, skip_s: float = 0.0, where: str = "the run") -> Run:
+    """Take what is needed of a run's cycles; the first `skip_s` seconds, in which a hand held it, are not usable.
 
     Raises:
         RecordingError: The run is empty, or of no robot that balances.
@@ -110,6 +112,7 @@ def run_of(records: Iterable[CycleRecord], layout: CycleLayout, where: str = "th
         raise RecordingError(f"{where} holds no cycles")
     table = np.array(rows, dtype=np.float64)
     usable_row = np.array(usable) & np.isfinite(table).all(axis=1)
+    usable_row[: round(skip_s * 1e9 / layout.period_ns)] = False
     count = 3 + len(CHANNELS)
     return Run(
         layout.period_ns * 1e-9, table[:, :3], table[:, 3:count], table[:, -1], table[:, count : count + 2], usable_row
@@ -132,7 +135,7 @@ def windows_of(runs: Sequence[Run], *, radius: float, stop_angle: float) -> Wind
         raise ConfigurationError("the logs are of runs at different periods: identify from those of one period")
     parts, rest = [], []
     for run in runs:
-        free = run.usable & (np.abs(run.pitch) < _OFF_STOP * stop_angle)
+        free = run.usable & (np.abs(run.pitch) < _OFF_STOP * stop_angle) & (np.abs(run.speeds).min(axis=1) > _SLOWEST)
         for first, end in _stretches(free):
             starts = range(max(first, HISTORY), end - LEAST_SAMPLES + 1, SAMPLES)
             parts += [_window(run, start, min(end, start + SAMPLES), radius) for start in starts]

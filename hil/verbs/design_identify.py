@@ -2,11 +2,14 @@
 """`segway-ecc design identify`: what a balancing robot is made of, from logs of its runs, and the gains for that."""
 
 import argparse
+import math
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from segway_ecc.hil.identify.identify import Identified, Verdict, identify
+from segway_ecc.hil.identify.advice import Advice, advise
+from segway_ecc.hil.identify.identify import Identified, identify
 from segway_ecc.hil.identify.robot_text import with_plant, with_ranges, with_safety
 from segway_ecc.hil.identify.windows import read_run
 from segway_ecc.hil.progress import show_progress
@@ -18,10 +21,12 @@ from segway_ecc.node.config import RobotFile, read_text
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.models.segway_parameters import SegwayParameters
 from segway_ecc.node.recording.layout import ROBOT_TEXT
 from segway_ecc.node.recording.salvage import Salvage
 
 _DIGITS: Final = 6
+_ROUNDED: Final = 0.9999
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="FILE", help="the robot file to start from (default: the first log's)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the robot file with what was found, and gains")
     parser.add_argument(
+        "--skip",
+        type=_seconds,
+        default=0.0,
+        metavar="S",
+        help="leave out the first seconds of each log, when a hand held it",
+    )
+    parser.add_argument(
         "--measured",
         action="append",
         default=[],
@@ -37,12 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="what you measured, SI; held within 1 %%; may be given again",
     )
+    parser.add_argument("--no-advice", action="store_true", help="do not work out what would tell more")
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Identify, print, and write the robot file where that is asked for."""
-    read = [read_run(path) for path in options.logs]
+    read = [read_run(path, options.skip) for path in options.logs]
     text = _text(options, need=options.out is not None)
     file = read[0][1] if text is None else decode_yaml(text, RobotFile, "the robot file")
     names = sorted({recorded.name for _, recorded in read})
@@ -56,12 +69,23 @@ def run(options: argparse.Namespace) -> int:
             measured=dict(options.measured),
             on_pass=progress,
         )
+    advice: tuple[Advice, ...] = ()
+    changed, notes = ("", []) if text is None else rewritten(text, file, found)
+    if text is not None and not options.no_advice:
+        as_found = decode_yaml(changed, RobotFile, "the robot file with what was identified")
+        with show_progress("manoeuvres") as progress:
+            advice = advise(
+                found,
+                as_found,
+                segway_parameters(as_found),
+                voltage=is_by_voltage(file),
+                on_rehearsed=progress,
+            )
     if options.json:
-        print_json(options, as_json(found))
+        print_json(options, as_json(found, advice))
     else:
-        sys.stdout.write("\n".join(as_text(found)) + "\n")
-    if options.out is not None and text is not None:
-        changed, notes = rewritten(text, file, found)
+        sys.stdout.write("\n".join(as_text(found, advice)) + "\n")
+    if options.out is not None:
         try:
             options.out.write_text(changed, encoding="utf-8")
         except OSError as error:
@@ -76,34 +100,58 @@ def is_by_voltage(file: RobotFile) -> bool:
 
 
 def rewritten(text: str, file: RobotFile, found: Identified) -> tuple[str, list[str]]:
-    """The robot file's text with what the runs told, what follows from it, and new gains; and what to look at in it.
+    """The robot file's text with what was found, what follows from it, and new gains; and what to look at in it.
 
     Raises:
         ConfigurationError: The file is not laid out as the packaged ones are.
     """
-    told = {
-        e.name: float(f"{e.value:.{_DIGITS}g}") for e in found.estimates if e.is_parameter and e.verdict is Verdict.TOLD
-    }
+    parts = {e.name: float(f"{e.value:.{_DIGITS}g}") for e in found.estimates if e.is_parameter}
     simulation = file.simulation
-    changed = with_plant(text, {**({} if simulation is None else simulation.parameters), **told})
+    roll = {"BodyRollInertia": float(f"{_roll_inertia(segway_parameters(file), parts):.{_DIGITS}g}")}
+    changed = with_plant(text, {**({} if simulation is None else simulation.parameters), **parts, **roll})
     own = {variable.name for variable in load_model(file.model.source, file.model.parameters).parameters}
-    follows = {name: value for name, value in told.items() if name in own}
+    follows = {name: value for name, value in parts.items() if name in own}
+    if "TorqueLimit" in own:
+        limit = load_model(file.model.source, file.model.parameters).read("TorqueLimit")
+        follows["TorqueLimit"] = float(f"{limit * min(1.0, _grip(parts, segway_parameters(file))):.{_DIGITS}g}")
     changed, moved = with_ranges(changed, file, follows)
-    changed = with_safety(changed, told)
+    changed = with_safety(changed, parts)
     changed = with_parameters(changed, {**file.model.parameters, **follows})
     gains = designed(decode_yaml(changed, RobotFile, "the robot file with what was identified")).gains
     changed = with_parameters(changed, {**file.model.parameters, **follows, **rounded(gains)})
     return changed, [f"moved model.ranges: {text}; see that it is what you want" for text in moved]
 
 
-def as_text(found: Identified) -> list[str]:
+def _grip(parts: Mapping[str, float], p: SegwayParameters) -> float:
+    """How much more torque a tyre carries than before: in proportion to the robot's mass and to the wheels' radius."""
+    wheels = 2.0 * p.wheel_mass
+    mass, radius = parts.get("BodyMass", p.body_mass), parts.get("WheelRadius", p.wheel_radius)
+    return (mass + wheels) * radius / ((p.body_mass + wheels) * p.wheel_radius)
+
+
+def _roll_inertia(p: SegwayParameters, parts: Mapping[str, float]) -> float:
+    """The body's about its length, which hardly shows: as large beside the yaw inertia as before, if a body can be so.
+
+    No moment of inertia of a body is larger than the sum of the two others.
+    """
+    pitch, yaw = parts.get("BodyPitchInertia", p.body_pitch_inertia), parts.get("BodyYawInertia", p.body_yaw_inertia)
+    return min(p.body_roll_inertia * yaw / p.body_yaw_inertia, _ROUNDED * (pitch + yaw))
+
+
+def as_text(found: Identified, advice: Sequence[Advice] = ()) -> list[str]:
     """A table of what was found, and what to know of it."""
     rows = [("quantity", "unit", "before", "found", "+- (95 %)", "")]
     rows += [(e.name, e.unit, f"{e.known:.4g}", f"{e.value:.4g}", e.interval_text, e.remark) for e in found.estimates]
-    return [*aligned(rows), "", *found.remarks]
+    lines = [*aligned(rows), *(f"note: {remark}" for remark in found.remarks)]
+    if advice:
+        lines += ["", "What would tell more, the best first, with the intervals that are expected of it:"]
+        lines += [f"- {one.what}: {_expected(one)}" for one in advice]
+        left = [e.name for e in found.estimates if e.is_wide and not any(e.name in one.expected for one in advice)]
+        lines += [f"- nothing that was tried: {', '.join(left)}"] if left else []
+    return lines
 
 
-def as_json(found: Identified) -> dict[str, Any]:
+def as_json(found: Identified, advice: Sequence[Advice] = ()) -> dict[str, Any]:
     """The same as data."""
     return {
         "quantities": {
@@ -121,7 +169,22 @@ def as_json(found: Identified) -> dict[str, Any]:
         "windows": found.fit.windows,
         "outliers": found.fit.outliers,
         "remarks": list(found.remarks),
+        "advice": [{"what": one.what, "expected_half_widths": dict(one.expected)} for one in advice],
     }
+
+
+def _expected(advice: Advice) -> str:
+    return ", ".join(f"{name} +-{100.0 * half:.1f} %" for name, half in advice.expected.items())
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds, such as 2.5")
+    return value
 
 
 def _measured(text: str) -> tuple[str, float]:
