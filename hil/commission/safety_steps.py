@@ -21,6 +21,8 @@ _SPIN_UP_S: Final = 3.0
 _STOP_WITHIN_S: Final = 60.0
 _REPORT_S: Final = 0.05
 """What telemetry and one period of the loop may add to a watchdog until it is seen."""
+_GUARD_WITHIN_S: Final = 10.0
+"""How long a guard may take to start."""
 _GUARD_REPORTS: Final = "guard stopped"
 _NEEDED: Final = ("tilt_limit_rad", "wheel_velocity_limit", "max_command", "supply")
 IMU_SIGNALS: Final = tuple(
@@ -35,6 +37,8 @@ def signals(session: Session, _expected: Expected) -> Found:
     if lacking:
         raise StepRefusedError(f"the robot file's hardware does not measure {', '.join(lacking)}; has it an IMU?")
     session.wait_until_fit()
+    if not session.newest.off:
+        raise StepRefusedError("the drives do not report that their motors are off, before anything was switched on")
     noisy = session.record(_LOOK_S)
     frozen = [name for name in IMU_SIGNALS if len(set(noisy.of(name))) == 1]
     if len(frozen) == len(IMU_SIGNALS):
@@ -132,7 +136,7 @@ def e_stop(session: Session, _expected: Expected) -> Found:
 def guard(session: Session, _expected: Expected) -> Found:
     """Stop the node's heartbeat while a wheel turns: the guard is to have stopped the drives."""
     session.ask(Task.START_GUARD)
-    session.record(_LOOK_S)
+    session.record(_GUARD_WITHIN_S, until=lambda _: session.hardware.health.get("guard") == "watches")
     if session.hardware.health.get("guard") != "watches":
         raise StepRefusedError("no guard answers: start it on this machine, on the same bus")
     session.ask(Task.KEEP_CLEAR)

@@ -3,7 +3,7 @@
 
 import contextlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 import msgspec
@@ -29,7 +29,7 @@ _SAYS_AFTER_S: Final = 0.5
 """How long somebody takes to answer at least."""
 _PRESSES_AFTER_S: Final = 0.2
 _TURN: Final = 2.0 * math.pi
-_DOES: Final[Mapping[Task, tuple[float, Mapping[str, float]]]] = {
+EXACTLY: Final[Mapping[Task, tuple[float, Mapping[str, float]]]] = {
     Task.LIFT: (0.5, {"OnFloor": 0.0, **_UPRIGHT}),
     Task.TURN_LEFT_WHEEL: (3.0, {"LeftTurn": _TURN}),
     Task.TURN_RIGHT_WHEEL: (3.0, {"RightTurn": _TURN}),
@@ -45,11 +45,18 @@ _DOES: Final[Mapping[Task, tuple[float, Mapping[str, float]]]] = {
 
 
 class ScriptedPerson:
-    """Does as told with the simulated robot, exactly; see `Person`. `lines` is what they were shown."""
+    """Does as told with the simulated robot; see `Person`.
 
-    def __init__(self) -> None:
-        """Have no robot in hand yet."""
-        self.lines: list[str] = []
+    Attributes:
+        does: What they do for each task: for how long, s, and how they then hold the robot, by its plant's states.
+        robot, rig: The robot in hand, and the clock; None before there is one.
+        has_stop: Whether the e-stop has an effect.
+    """
+
+    def __init__(self, show: Callable[[str], None] | None = None) -> None:
+        """Have no robot in hand yet; `show` is called with what they are shown."""
+        self.does: Mapping[Task, tuple[float, Mapping[str, float]]] = EXACTLY
+        self._show = show
         self.robot: SimulatedRobot | None = None
         self.rig: LockstepRig | None = None
         self.has_stop = True
@@ -60,7 +67,7 @@ class ScriptedPerson:
     def begin(self, task: Task) -> None:
         """See `Person.begin`."""
         self._task, self._begun_ns = task, self._now_ns()
-        self._lasts_s, states = _DOES.get(task, (_SAYS_AFTER_S, {}))
+        self._lasts_s, states = self.does.get(task, (_SAYS_AFTER_S, {}))
         if self.robot is not None:
             for name, value in states.items():
                 self.robot.plant.write(name, value)
@@ -76,7 +83,8 @@ class ScriptedPerson:
 
     def read(self, line: str) -> None:
         """See `Person.read`."""
-        self.lines.append(line)
+        if self._show is not None:
+            self._show(line)
 
     def _now_ns(self) -> int:
         return 0 if self.rig is None else self.rig.now_ns()
@@ -95,8 +103,10 @@ class SimulatedSite:
 
     is_simulated = True
 
-    def __init__(self, file: RobotFile, error: Miswiring | None = None) -> None:
-        """Commission the simulated robot of a file, wired rightly or with an error.
+    def __init__(
+        self, file: RobotFile, error: Miswiring | None = None, show: Callable[[str], None] | None = None
+    ) -> None:
+        """Commission the simulated robot of a file, wired rightly or with an error; `show` is called with each outcome.
 
         Raises:
             NoSimulationError: It has no plant, or its drives are none that this simulates.
@@ -105,7 +115,7 @@ class SimulatedSite:
         if section is None:
             raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
         self.file = msgspec.structs.replace(file, commissioned="optional")
-        self.person = ScriptedPerson()
+        self.person = ScriptedPerson(show)
         self._error = error
         commands = {variable.name for variable in simulated_plant(file).inputs}
         held = [plant for name, plant in _HELD.items() if name in commands]

@@ -63,7 +63,8 @@ def _site(options: argparse.Namespace) -> Site:
     if options.simulated:
         if options.error is not None and options.error not in ERRORS:
             raise ConfigurationError(f"--error: there is no '{options.error}'; --error list names them")
-        return SimulatedSite(robot_file(options), None if options.error is None else ERRORS[options.error])
+        error = None if options.error is None else ERRORS[options.error]
+        return SimulatedSite(robot_file(options), error, lambda line: print(line, file=sys.stderr, flush=True))
     if options.error is not None:
         raise ConfigurationError("--error is of a simulated robot: add --simulated")
     words = [options.robot]

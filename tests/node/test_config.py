@@ -89,8 +89,8 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
     [
         pytest.param(
             BASE + "arm: true",
-            "Object contains unknown field `arm`; the keys there are actuate, arming, hardware, model, name, ros, "
-            "safety, setpoint, simulation, station, wiring",
+            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, hardware, model, "
+            "name, ros, safety, setpoint, simulation, station, wiring",
             id="unknown key at the top",
         ),
         pytest.param(

@@ -2,13 +2,16 @@
 """Commissioning of a simulated robot: the right one passes, and each wiring or mounting error is found and named."""
 
 import datetime as dt
+import random
+from collections.abc import Mapping
 
 import pytest
 
 from segway_ecc.hil.commission import commission as commissioning
 from segway_ecc.hil.commission.commission import commission, passes
 from segway_ecc.hil.commission.miswiring import ERRORS
-from segway_ecc.hil.commission.simulated import SimulatedSite
+from segway_ecc.hil.commission.person import Task
+from segway_ecc.hil.commission.simulated import EXACTLY, SimulatedSite
 from segway_ecc.node.commissioning import STEPS, CommissioningReport
 from segway_ecc.node.config import load_robot
 
@@ -60,3 +63,32 @@ def test_wiring_or_mounting_error_is_found_named_and_refused(robot: str, error: 
     assert expected.says in last.text
     assert not passes(report)
     assert all(step.verdict in {"passed", "confirmed", "left out"} for step in report.steps[:-1])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.variants(1)
+def test_right_robot_passes_in_hands_that_are_not_exact(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commissioning, "HELD_S", 1.0)
+    monkeypatch.setattr(commissioning, "ALONE_S", 1.0)
+    file, draw = load_robot("segway"), random.Random(seed)  # noqa: S311 - no secret
+    site = SimulatedSite(file)
+
+    def inexact(task: Task, states: Mapping[str, float]) -> Mapping[str, float]:
+        """Up to 0.2 rad off where it is tilted, 3 % where it is turned, 1 cm of the metre, and 0.02 rad in balance."""
+        lean = 0.02 if task is Task.BALANCE else 0.1
+        off = {
+            "HandPitch": draw.uniform(-lean, lean) * (2.0 if task is Task.TILT_FORWARD else 1.0),
+            "HandRoll": draw.uniform(-lean, lean) * (2.0 if task is Task.TILT_RIGHT else 1.0),
+            "HandYaw": draw.uniform(-0.1, 0.1),
+            "HandTravel": draw.uniform(-0.01, 0.01),
+            "LeftTurn": draw.uniform(-0.2, 0.2),
+            "RightTurn": draw.uniform(-0.2, 0.2),
+        }
+        return {name: value + off.get(name, 0.0) for name, value in states.items()}
+
+    site.person.does = {task: (seconds, inexact(task, states)) for task, (seconds, states) in EXACTLY.items()}
+
+    report = commission(file, site, NOW)
+
+    assert {step.step: step.text for step in report.steps if step.verdict == "refused"} == {}
+    assert passes(report)
