@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The limits of a balancing robot against the friction of the floor, found by search on the plant whose wheels slip.
 
-What disturbs a robot that stands is searched from where it stands: it gets up on a floor that grips, and the floor has
-its friction from `_FLOOR_AT_S` on. A payload is there from the start, so that it gets up with it on the floor itself.
-Whether it gets up at all has rows of its own.
+What disturbs a robot that stands is searched from where it stands: it gets up on a floor that grips, with its payload,
+and the floor has its friction from `_FLOOR_AT_S` on. Whether it gets up at all has rows of its own.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +26,6 @@ _LARGEST_FRICTION: Final = 1.5
 _FRICTION_RESOLUTION: Final = 0.01
 _LEFT_OUT: Final = "bias"
 """In the names of what does not depend on the floor."""
-_PRESENT_AT_START: Final = "payload"
 
 
 class FloorLimit(NamedTuple):
@@ -104,12 +102,13 @@ def find(search: Search) -> FloorLimit:
     if search.name in bumpers(search.body):
         return _least_friction(file, search) if search.friction is None else _stand_up(file, search, search.friction)
     kind = next(kind for kind in floor_kinds(search.body) if kind.name == search.name)
-    return _disturbed(file, kind, search.friction or 0.0, search.seeds)
+    return _disturbed(file, kind, search)
 
 
-def _disturbed(file: RobotFile, kind: DisturbanceKind, friction: float, seeds: Sequence[int]) -> FloorLimit:
+def _disturbed(file: RobotFile, kind: DisturbanceKind, search: Search) -> FloorLimit:
     """The largest size of a disturbance that a robot on this floor recovers from with every seed."""
-    there = on_friction(kind, friction)
+    friction, seeds = search.friction or 0.0, search.seeds
+    there = on_friction(kind, friction, search.body)
     limit = find_limit(file, there, seeds)
     stands = limit.tolerated != 0.0 or all(recovers(file, there, 0.0, seed) for seed in seeds)
     is_enough = stands and limit.is_enough
@@ -117,15 +116,22 @@ def _disturbed(file: RobotFile, kind: DisturbanceKind, friction: float, seeds: S
     return FloorLimit(kind.name, kind.unit, friction, tolerated, kind.required, limit.is_beyond, is_enough)
 
 
-def on_friction(kind: DisturbanceKind, friction: float) -> DisturbanceKind:
+def on_friction(kind: DisturbanceKind, friction: float, body: SegwayParameters) -> DisturbanceKind:
     """A disturbance on a floor of this friction; see above."""
-    if kind.name.startswith(_PRESENT_AT_START):
-        return kind._replace(plant=lambda size: {**kind.plant(size), **tyres(friction)})
+
+    def plant(size: float) -> Mapping[str, float]:
+        return {**_lighter(kind.plant(size), body), **tyres(max(friction, GRIP))}
 
     def script(size: float) -> Script:
         return {_FLOOR_AT_S: _lay(friction), **kind.script(size)}
 
-    return kind._replace(plant=lambda size: {**kind.plant(size), **tyres(max(friction, GRIP))}, script=script)
+    return kind._replace(plant=plant, script=script)
+
+
+def _lighter(plant: Mapping[str, float], body: SegwayParameters) -> Mapping[str, float]:
+    """With a payload below zero at the body's centre as what it is: a lighter body. MuJoCo takes no such payload."""
+    payload = plant.get("Payload", 0.0)
+    return {"BodyMass": body.body_mass + payload} if payload < 0.0 else plant
 
 
 def _lay(friction: float) -> Callable[[Balance], None]:

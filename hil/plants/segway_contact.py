@@ -48,7 +48,10 @@ _PARAMETERS: Final = (
 _FRICTION: Final = 0.8
 """Of rubber on an ordinary floor."""
 _STATES: Final = (
-    *segway.DISTURBANCES,
+    *(variable for variable in segway.DISTURBANCES if variable.name != "Payload"),
+    Variable(
+        "Payload", "kg", 0.0, Write.NOW, "none below zero: MuJoCo has no such mass; make BodyMass less", minimum=0.0
+    ),
     Variable("LeftFriction", "1", _FRICTION, Write.NOW, minimum=0.01, maximum=5.0),
     Variable("RightFriction", "1", _FRICTION, Write.NOW, minimum=0.01, maximum=5.0),
     Variable("Lift", "m", 0.0, Write.NOW, minimum=0.0, maximum=2.0),

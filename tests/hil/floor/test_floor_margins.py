@@ -92,3 +92,10 @@ def test_only_a_segways_plant_is_put_on_a_floor(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(("friction", "expected"), [(0.4, None), (0.8, 1.0)])
 def test_the_packaged_robot_stands_up_or_not(friction: float, expected: float | None) -> None:
     assert find(Search("segway", PUBLISHED, "stand-up, front bumper", friction, (1,))).tolerated == expected
+
+
+def test_a_payload_below_zero_is_a_lighter_body_that_gets_up_where_it_grips() -> None:
+    more, less = (k for k in margins.floor_kinds(PUBLISHED) if k.name.startswith("payload"))
+    lighter = margins.on_friction(less, 0.6, PUBLISHED).plant(-2.0)
+    assert lighter == {"BodyMass": pytest.approx(PUBLISHED.body_mass - 2.0), "LeftFriction": 1.2, "RightFriction": 1.2}
+    assert margins.on_friction(more, 0.6, PUBLISHED).plant(2.0)["Payload"] == 2.0

@@ -204,3 +204,8 @@ def test_its_ports_are_those_of_the_plant_that_cannot_slip() -> None:
         assert (contact.inputs, contact.outputs, contact.step_size) == (plain.inputs, plain.outputs, plain.step_size)
         assert {v.name for v in plain.states} <= {v.name for v in contact.states}
         assert {v.name for v in plain.parameters} <= {v.name for v in contact.parameters}
+
+
+def test_a_payload_below_zero_is_refused_and_not_taken_for_none() -> None:
+    with pytest.raises(ModelError, match="Payload"):
+        _started().write("Payload", -1.0)
