@@ -8,11 +8,11 @@ from typing import Final
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.models.segway_parameters import SegwayParameters
 
 _SIMULATION: Final = re.compile(r"^simulation:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n?)*)", re.MULTILINE)
 _PARAMETERS: Final = re.compile(r"^  parameters:.*\n?(?:    .*\n?)*", re.MULTILINE)
 _SAFETY: Final = re.compile(r"^safety:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n|[ \t]*\n)*)", re.MULTILINE)
-_IN_SAFETY: Final = {"WheelRadius": "wheel_radius", "Track": "track", "ImuHeight": "imu_height"}
 
 
 def with_plant(text: str, parameters: Mapping[str, float]) -> str:
@@ -36,16 +36,35 @@ def with_plant(text: str, parameters: Mapping[str, float]) -> str:
     return changed
 
 
-def with_safety(text: str, values: Mapping[str, float]) -> str:
-    """The text with the wheels' radius, the track and the IMU's height as safety is to have them, where it has them."""
+def with_safety(text: str, p: SegwayParameters) -> str:
+    """The text with what safety is to know of the robot, where it has it; what stood beside a number that changes goes.
+
+    Limits and tolerances stay.
+    """
     section = _SAFETY.search(text)
     if section is None:
         return text
     body = section.group(2)
-    for name, key in _IN_SAFETY.items():
-        if name in values:
-            body = re.sub(rf"\b{key}: *[-+.\deE]+", f"{key}: {values[name]!r}", body)
+    for key, value in _known_to_safety(p).items():
+        number = f"{float(f'{value:.6g}')!r}"
+        body = re.sub(rf"\b{key}: *[-+.\deE]+", f"{key}: {number}", body)
+        body = re.sub(rf"^( *{key}: {re.escape(number)}) *#.*$", r"\1", body, flags=re.MULTILINE)
     return text[: section.start(2)] + body + text[section.end(2) :]
+
+
+def _known_to_safety(p: SegwayParameters) -> Mapping[str, float]:
+    """By the keys of `SafetySettings`."""
+    return {
+        "wheel_radius": p.wheel_radius,
+        "track": p.track,
+        "imu_height": p.imu_height,
+        "mass": p.body_mass + 2.0 * (p.wheel_mass + p.wheel_inertia / p.wheel_radius**2),
+        "moment": p.body_mass * p.body_height_of_centre,
+        "coulomb_friction": p.coulomb_friction,
+        "viscous_friction": p.viscous_friction,
+        "resistance": p.motor_resistance,
+        "constant": p.motor_constant * p.gear_ratio,
+    }
 
 
 def with_ranges(text: str, file: RobotFile, values: Mapping[str, float]) -> tuple[str, list[str]]:

@@ -115,7 +115,7 @@ def rewritten(text: str, file: RobotFile, found: Identified) -> tuple[str, list[
         limit = load_model(file.model.source, file.model.parameters).read("TorqueLimit")
         follows["TorqueLimit"] = float(f"{limit * min(1.0, _grip(parts, segway_parameters(file))):.{_DIGITS}g}")
     changed, moved = with_ranges(changed, file, follows)
-    changed = with_safety(changed, parts)
+    changed = with_safety(changed, segway_parameters(decode_yaml(changed, RobotFile, "the robot file with its plant")))
     changed = with_parameters(changed, {**file.model.parameters, **follows})
     gains = designed(decode_yaml(changed, RobotFile, "the robot file with what was identified")).gains
     changed = with_parameters(changed, {**file.model.parameters, **follows, **rounded(gains)})

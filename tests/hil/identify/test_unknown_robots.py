@@ -100,7 +100,8 @@ def found_of(robot: str, seed: int) -> tuple[Identified, RobotFile]:
 def _designed_for(robot: str, true: Mapping[str, float]) -> RobotFile:
     """The file of a robot that is known exactly."""
     file = load_robot(robot)
-    text = with_safety(with_plant(read_text(robot), true), true)
+    text = with_plant(read_text(robot), true)
+    text = with_safety(text, segway_parameters(decode_yaml(text, RobotFile, "the robot file")))
     names = {"WheelRadius", "Track", "ImuHeight", "MotorConstant"} & true.keys()
     grip = (true["BodyMass"] + 0.3652) * true["WheelRadius"] / ((PUBLISHED.body_mass + 0.3652) * PUBLISHED.wheel_radius)
     follows = {**{name: true[name] for name in names}, "TorqueLimit": 1.3 * min(1.0, grip)}
