@@ -4,6 +4,9 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from segway_ecc.hil.plants.segway_body import SegwayBody
+from segway_ecc.node.models.segway_parameters import SegwayParameters
+
 
 class WheelMotion(NamedTuple):
     """How a two-wheeled robot moves.
@@ -31,3 +34,12 @@ class Placeable(Protocol):
 
         Call it after `initialize`. Position and heading on the ground are counted from there.
         """
+
+
+def place_body(body: SegwayBody, motion: WheelMotion, p: SegwayParameters) -> None:
+    """Have a body move so; its way and its heading are those that its wheels have rolled."""
+    body.pitch, body.q = motion.pitch, motion.pitch_rate
+    body.v = p.wheel_radius * (0.5 * (motion.left_velocity + motion.right_velocity) + body.q)
+    body.w = (motion.right_velocity - motion.left_velocity) * p.wheel_radius / p.track
+    body.way = p.wheel_radius * (0.5 * (motion.left_angle + motion.right_angle) + body.pitch)
+    body.heading = (motion.right_angle - motion.left_angle) * p.wheel_radius / p.track

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final, Protocol
 
 from segway_ecc.hil.plants.cart import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
-from segway_ecc.hil.plants.placing import WheelMotion
+from segway_ecc.hil.plants.placing import WheelMotion, place_body
 from segway_ecc.hil.plants.segway_body import SegwayBody
 from segway_ecc.hil.plants.segway_hardware import (
     MOST_STEPS,
@@ -31,8 +31,7 @@ from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
 STEP_SIZE: Final = 0.001
 _MOST_STIFF: Final = 1.0
 """How much of its way to rest friction may go in one substep: the method is stable up to 2.8, and exact far below."""
-_SETTLING_STEPS: Final = 5
-"""Moves of `MOST_STEPS` steps each in which a motor's current or torque settles: 15 of its time constants."""
+_SETTLING_STEPS: Final = 5  # of `MOST_STEPS` each: 15 time constants of a motor's current or torque
 _TYPICAL: Final = ImuErrors()
 # In the order of the fields of ImuErrors.
 _IMU_ERRORS: Final = (
@@ -128,11 +127,7 @@ class _Segway(SectionedModel):
     def begin_at(self, motion: WheelMotion, u: Sequence[float]) -> Sequence[float]:
         """See `Placeable.begin_at`."""
         p, body, motors = SegwayParameters.from_model(self.p), self.body, (self._left_motor, self._right_motor)
-        body.pitch, body.q = motion.pitch, motion.pitch_rate
-        body.v = p.wheel_radius * (0.5 * (motion.left_velocity + motion.right_velocity) + body.q)
-        body.w = (motion.right_velocity - motion.left_velocity) * p.wheel_radius / p.track
-        body.way = p.wheel_radius * (0.5 * (motion.left_angle + motion.right_angle) + body.pitch)
-        body.heading = (motion.right_angle - motion.left_angle) * p.wheel_radius / p.track
+        place_body(body, motion, p)
         speeds = body.wheel_speeds()
         for motor, command, speed in zip(motors, u, speeds, strict=True):
             for _ in range(_SETTLING_STEPS):

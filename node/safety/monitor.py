@@ -19,7 +19,7 @@ from segway_ecc.node.safety.plausibility import (
 )
 from segway_ecc.node.safety.posture import LIES_FOR_S, Body
 from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
-from segway_ecc.node.safety.residual import ResidualMonitor
+from segway_ecc.node.safety.residual import ResidualMonitor, command_places
 from segway_ecc.node.safety.settings import ChecklistSettings, SafetySettings
 from segway_ecc.node.safety.tilt import StillWatch, TiltWatch
 
@@ -195,15 +195,8 @@ class SafetyMonitor:
         if settings is None:
             return None
         left, right, gyro, x = self._places("residual", (*_VELOCITIES, _IMU[1], _IMU[3]))
-        kind = "torque" if settings.motor is None else "voltage"
-        names = [f"{side}.{kind}" for side in _SIDES]
-        if any(name not in commands for name in names) or self._settings.posture is None:
-            raise ConfigurationError(
-                f"safety.residual needs safety.posture and the commands {' and '.join(names)}; with motor it is for "
-                f"voltages, without for torques; this robot has {', '.join(commands) or 'none'}"
-            )
-        places = list(commands).index(names[0]), list(commands).index(names[1])
-        return ResidualMonitor((left, right), (gyro, x), places, settings, self._period_s)
+        sent = command_places(settings, commands if self._settings.posture else ())
+        return ResidualMonitor((left, right), (gyro, x), sent, settings, self._period_s)
 
     def _make_checks(self) -> Iterator[Check]:
         settings, period_s = self._settings, self._period_s

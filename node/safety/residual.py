@@ -16,14 +16,14 @@ A tyre that is smaller than it should be shows in the IMU: its acceleration ahea
 radius as a share of what it should be. The specific force along x is v' + h q' - g sin(pitch); what is constant or slow
 in it, and the unknown start of the pitch, are taken off by a washout s / (s + 1 / W).
 
-A push is not learnt from: what is not explained of the force, beyond a limit, counts only once it lasts. A steady push,
-wind or a cable look like a slope.
+A push is not learnt from: what is not explained of the force, beyond a limit, counts only once it lasts.
 """
 
 from collections.abc import Sequence
 from math import copysign
 from typing import Final
 
+from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.check import View, periods_in
 from segway_ecc.node.safety.forgetting_fit import LineFit, PlaneFit
 from segway_ecc.node.safety.settings import ResidualSettings
@@ -41,12 +41,10 @@ _SOLVED_EVERY_S: Final = 0.1
 _ROLLING: Final = 0.5
 """The speed of a wheel from which it has all of its friction, rad/s: slower ones may be noise."""
 _PAYLOAD_PRIOR: Final = 50.0
-"""Some tenth of what the memory holds when the robot drives, (m/s2)^2."""
+_RADIUS_PRIOR: Final = 100.0
+"""Some part of what the memory holds when the robot drives, (m/s2)^2."""
 _SLOPE_PRIOR: Final = 50.0
 _FRICTION_PRIOR: Final = 500.0
-"""The same of slope and friction, 1."""
-_RADIUS_PRIOR: Final = 100.0
-"""The same of the radius, (m/s2)^2."""
 _PUSHED: Final = 1.0
 """A force beyond what is explained, N, that is taken for a push or a kerb."""
 _LONGEST_PUSH_S: Final = 1.5
@@ -65,7 +63,6 @@ class ResidualMonitor:
     """Compares the acceleration that a model predicts with what is measured; it warns, and is no reason for a fault.
 
     Attributes:
-        needs: The places of the signals that it needs.
         estimates: What is estimated, in the order of `CAUSES`: payload, kg; slope, rad, positive where the ground rises
             ahead; Coulomb friction of each wheel beyond what is known, N m; radius of the tyres as a share of what it
             should be, less 1.
@@ -87,13 +84,13 @@ class ResidualMonitor:
         The wheels' commands are at the places `commands` of what is sent.
         """
         s = settings
-        self.needs: tuple[int, ...] = (*wheels, *imu)
+        self._needs: tuple[int, ...] = (*wheels, *imu)
         self._left, self._right = wheels
         self._gyro, self._x = imu
         self._left_sent, self._right_sent = commands
         self._radius, self._mass, self._moment, self._height = s.wheel_radius, s.mass, s.moment, s.imu_height
-        self._load_height = s.moment / s.mass if s.payload_height is None else s.payload_height
         self._coulomb, self._viscous = s.coulomb_friction, s.viscous_friction
+        self._load_height = s.moment / s.mass if s.payload_height is None else s.payload_height
         self._per_volt = self._back_emf = 0.0
         if s.motor is not None:
             self._per_volt, self._back_emf = s.motor.constant / s.motor.resistance, s.motor.constant
@@ -110,8 +107,8 @@ class ResidualMonitor:
         self._force_fit = PlaneFit(kept, (_PAYLOAD_PRIOR, _SLOPE_PRIOR, _FRICTION_PRIOR))
         self._radius_fit = LineFit(kept, _RADIUS_PRIOR)
         self._sent = [0.0] * (max(round(s.delay_s / period_s), 0) + 1)
-        self._place = self._pushed = self._cycles = 0
-        self._waits = self._calm = self._settles
+        self._place = self._pushed = self._cycles = self._calm = 0
+        self._waits = self._settles
         self._v1 = self._v2 = self._q1 = self._q2 = self._t1 = self._t2 = 0.0
         self._s1 = self._s2 = self._x1 = self._x2 = self._rate = self._felt = 0.0
         self._slow_z = self._slow_v = self._leant = 0.0
@@ -136,7 +133,7 @@ class ResidualMonitor:
         at = self._place = self._place + 1 if self._place + 1 < len(self._sent) else 0
         self._sent[at - 1] = sent[self._left_sent] + sent[self._right_sent]
         torque = self._sent[at]  # the oldest
-        if view.periods != 1 or not view.has(self.needs):
+        if view.periods != 1 or not view.has(self._needs):
             self._waits = self._settles
             return
         values = view.values
@@ -235,3 +232,19 @@ class ResidualMonitor:
 def _sign(speed: float) -> float:
     """The direction in which a wheel turns, -1 to 1."""
     return speed / _ROLLING if -_ROLLING < speed < _ROLLING else copysign(1.0, speed)
+
+
+def command_places(settings: ResidualSettings, commands: Sequence[str]) -> tuple[int, int]:
+    """The places of the wheels' commands among those of a robot with a posture.
+
+    Raises:
+        ConfigurationError: They are not there; `commands` is empty where the robot has no posture.
+    """
+    kind = "torque" if settings.motor is None else "voltage"
+    left, right = f"left.{kind}", f"right.{kind}"
+    if left not in commands or right not in commands:
+        raise ConfigurationError(
+            f"safety.residual needs safety.posture and the commands {left} and {right}: with `motor` it is for wheels "
+            "that take a voltage, without for a torque"
+        )
+    return list(commands).index(left), list(commands).index(right)

@@ -169,7 +169,7 @@ def test_the_state_of_each_robot_is_captured_whole(robot: str) -> None:
     taken = loop._cycle.take_state(20)
 
     assert taken.refusal == ""
-    assert len(taken.parts) + len(taken.model) < 20_000
+    assert len(taken.parts) + len(taken.model) < 22_000  # of 60,000; the residual monitor takes 1,300
     restore_snapshot(loop._cycle, built.model, taken)
     assert loop._cycle.take_state(20) == taken
 
