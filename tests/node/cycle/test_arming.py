@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.interfaces import HardwareAnswer
 from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointSchedule
-from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.safety.modes import POSTURES, Action, Answer, Mode
 from segway_ecc.node.safety.pre_arm import PreArmCheck
 from segway_ecc.testing import RecordingHardware
 
@@ -77,6 +77,25 @@ def test_anything_else_that_is_asked_breaks_the_arming_off(desk: Desk, action: A
     assert (first.accepted, first.message) == (False, f"broken off: asked to {action}")
     assert desk.hardware.journal == ["arm", "disarm"]
     assert desk.pass_cycle(ready=True) is mode
+
+
+@pytest.mark.parametrize("action", sorted(POSTURES))
+def test_a_robot_without_posture_refuses_one_and_goes_on_arming(desk: Desk, action: Action) -> None:
+    desk.ask(Action.ARM)
+    desk.ask(action)
+    assert [answer.accepted for answer in desk.answers] == [False]
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+
+
+def test_it_arms_again_out_of_a_fault_where_nothing_keeps_it_from_arming(desk: Desk) -> None:
+    desk.arming.fail("it fell")
+    desk.items = [PreArmCheck("tilt", False, "it leans")]  # noqa: FBT003 - whether it passed
+    desk.arming.arm_again(desk.answers.append)
+    assert (desk.pass_cycle(ready=True), desk.hardware.journal) == (Mode.FAULT, [])
+    desk.items = []
+    desk.arming.arm_again(desk.answers.append)
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+    assert [answer.accepted for answer in desk.answers] == [False, True]
 
 
 def test_a_failure_while_arming_is_a_fault_and_answers(desk: Desk) -> None:
