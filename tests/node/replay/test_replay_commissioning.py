@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.campaign import run
-from segway_ecc.hil.campaign.scenario import Expectation, Scenario, Segment
+from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun
 from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.sequence.manoeuvre import Segment
 
 
 def test_it_is_refused_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -21,7 +22,7 @@ def test_it_is_refused_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     segments = (Segment(linear=0.5, duration=1.0),)
     scenario = Scenario(name="test", robot="cart-can", segments=segments, expect=Expectation(outcome="drives_on"))
     log = tmp_path / "run.mcap"
-    result = run.run_scenario(run.ScenarioRun("test", scenario, "cart-can", 0, {}), log)
+    result = run.run_scenario(ScenarioRun("test", scenario, "cart-can", 0, {}), log)
     outcome = replay(log)
 
     assert result.outcome == "never armed", result
