@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLUMNS: Final = 3
-_COLOURS: Final = ("#2e6f9e", "#b3261e", "#3b7d3b")
+_STYLES: Final = (("#2e6f9e", "o"), ("#b3261e", "s"))
+_LEGEND: Final = "dotted: required; triangle: no more was tried; dashed: on less no torque raises it from its bumper"
 _GREY: Final = "#6b6b6b"
 
 
@@ -63,7 +64,7 @@ def draw(limits: Sequence[FloorLimit], least: float, title: str) -> Mapping[str,
     count = -(-len(panels) // _COLUMNS)
 
     def drawn(figure: "Figure") -> None:
-        figure.suptitle(title)
+        figure.suptitle(f"{title}\n{_LEGEND}", fontsize=10)
         axes = figure.subplots(count, _COLUMNS, squeeze=False).flatten()
         for axis, (name, shown) in zip(axes, panels.items(), strict=False):
             _draw_panel(axis, name, shown, least)
@@ -92,15 +93,20 @@ def _panels(limits: Sequence[FloorLimit]) -> Mapping[str, Mapping[str, Sequence[
 
 def _draw_panel(axis: "Axes", name: str, shown: Mapping[str, Sequence[FloorLimit]], least: float) -> None:
     axis.set_title(name, fontsize=10)
-    for colour, (way, curve) in zip(_COLOURS, shown.items(), strict=False):
+    for (colour, marker), (way, curve) in zip(_STYLES, shown.items(), strict=False):
         frictions = [limit.friction or 0.0 for limit in curve]
         values = [abs(limit.tolerated or 0.0) for limit in curve]
-        axis.plot(frictions, values, "o-", color=colour, label=way or None)
+        axis.plot(frictions, values, marker=marker, label=way or None, color=colour, fillstyle="none", linewidth=1.2)
+        beyond = [(f, value) for f, value, limit in zip(frictions, values, curve, strict=True) if limit.is_beyond]
+        if beyond:
+            axis.plot(
+                *zip(*beyond, strict=True), marker="^", markersize=11, linestyle="", color=colour, fillstyle="none"
+            )
         required = curve[0].required
         if required is not None and not name.startswith(STAND_UP):
             axis.axhline(abs(required), color=_GREY, linestyle=":", linewidth=1.0)
     axis.axvline(least, color=_GREY, linestyle="--", linewidth=1.0)
-    axis.set_ylim(bottom=0.0)
+    axis.set_ylim(0.0, 1.1 * axis.get_ylim()[1])
     if name.startswith(STAND_UP):
         axis.set_yticks([0.0, 1.0], ["no", "yes"])
     else:
