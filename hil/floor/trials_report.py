@@ -118,13 +118,13 @@ def _as_json(row: Row, before: Before) -> dict[str, Any]:
 
 
 def _before_totals(results: Sequence[FloorResult], before: Before) -> Before:
-    """The mean of the trials of each kind that there were before too."""
-    totals: dict[tuple[str, str], list[float]] = {}
+    """The mean of the trials of each kind, where all of them were there before."""
+    totals: dict[tuple[str, str], list[float | None]] = {}
     for row in rows_of(results):
-        if (share := before.get((row.robot, row.name))) is not None:
-            totals.setdefault((row.robot, row.kind), []).append(share)
-            totals.setdefault((row.robot, "all"), []).append(share)
-    return {key: sum(shares) / len(shares) for key, shares in totals.items()}
+        for name in (row.kind, "all"):
+            totals.setdefault((row.robot, name), []).append(before.get((row.robot, row.name)))
+    complete = {key: [share for share in shares if share is not None] for key, shares in totals.items()}
+    return {key: sum(shares) / len(shares) for key, shares in complete.items() if len(shares) == len(totals[key])}
 
 
 def _lines(what: str, rows: Sequence[Row], before: Before) -> list[str]:
