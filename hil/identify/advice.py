@@ -4,11 +4,10 @@
 Manoeuvres are rehearsed: the robot as found, with its new gains, does them on the plant of equations in lock step, and
 what its windows would tell is added to what is known (Goodwin, Payne, "Dynamic System Identification: Experiment Design
 and Data Analysis", 1977, chapter 6). One in which it falls is not advised. Measuring a quantity by other means counts
-as a measurement of it within 1 %. What is expected to shrink the uncertain quantities most, by the determinant of their
-covariance, comes first.
+as a measurement of it within 1 %. What is expected to leave the least of the uncertain quantities' deviations, as shares
+of what they are, comes first (A-optimality, scaled).
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
@@ -129,7 +128,8 @@ def ranked(
         deviations = np.sqrt(np.diag(after))
         shrunk = {names[i]: NORMAL_95 * float(deviations[i]) for i in wide if deviations[i] < _HELPS * before[i]}
         if shrunk:
-            scored.append((_log_determinant(after, wide), Advice(what, shrunk)))
+            left = sum(float(deviations[i] / before[i]) for i in wide)
+            scored.append((left, Advice(what, shrunk)))
     return tuple(advice for _, advice in sorted(scored, key=lambda pair: pair[0]))
 
 
@@ -157,8 +157,3 @@ def rehearsed(manoeuvre: Manoeuvre, fit: Fit, file: RobotFile, p: SegwayParamete
     return Fitter(Predictor(p, fit.quantities, voltage=voltage), fit.quantities, windows).information(
         fit.coordinates, fit.deviations
     )
-
-
-def _log_determinant(covariance: Matrix, places: Sequence[int]) -> float:
-    _sign, value = np.linalg.slogdet(covariance[np.ix_(places, places)])
-    return float(value) if math.isfinite(value) else math.inf

