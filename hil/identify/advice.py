@@ -4,8 +4,8 @@
 Manoeuvres are rehearsed: the robot as found, with its new gains, does them on the plant of equations in lock step, and
 what its windows would tell is added to what is known (Goodwin, Payne, "Dynamic System Identification: Experiment Design
 and Data Analysis", 1977, chapter 6). One in which it falls is not advised. Measuring a quantity by other means counts
-as a measurement of it within 1 %. What is expected to leave the least of the uncertain quantities' deviations, as shares
-of what they are, comes first (A-optimality, scaled).
+as a measurement of it within 1 %. What is expected to leave the least of the uncertain quantities' deviations, as
+shares of what they are, comes first (A-optimality, scaled).
 """
 
 from collections.abc import Callable, Mapping, Sequence
