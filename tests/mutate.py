@@ -32,6 +32,7 @@ MODULES: Final = ("node/safety/[!_]*.py", "firmware_io/guard/[!_]*.py", "node/cy
 ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
 # The tests of a module in the order in which they run, where that is not only the file of its own name.
 TESTED_BY: Final = {
+    "node/safety/check": ["check", "monitor"],
     "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/modes": ["modes", "modes_machine", "modes_station"],
     "node/safety/plausibility": ["plausibility", "plausibility_following"],

@@ -72,7 +72,6 @@ class ArmingManager:
     def arm_again(self, reply: Reply) -> None:
         """Arm, out of a fault too, which is cleared only where nothing keeps the robot from arming."""
         self._arm(reply, clears_fault=True)
-        self._settle()
 
     def arm_itself(self) -> None:
         """Arm a robot that arms itself, and was not switched off or at fault since it started."""
