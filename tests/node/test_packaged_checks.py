@@ -21,8 +21,10 @@ OF_DRIVES = {
     "command_slew",
     "oscillation",
 }
-OF_AN_IMU = {"tilt_limit_rad", "tilt_rate_limit", "yaw_consistency", "runaway", "gravity", "posture", "checklist"}
-"""The carts have none: they do not fall, and arm as soon as their drives do."""
+OF_AN_IMU = {"tilt_limit_rad", "tilt_rate_limit", "yaw_consistency", "runaway", "gravity", "posture", "checklist"} | {
+    "residual"
+}
+"""The carts have none: they do not fall, and arm as soon as their drives do. `residual` warns only."""
 OF_ALL = {"output_limits"}
 NO_CHECK = {"imu_is_noisy"}
 """How a check is to be made."""
