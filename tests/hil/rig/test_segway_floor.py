@@ -59,7 +59,7 @@ def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(robot: s
     first, last = (round(at / balance.robot.period_ns * 1e9) for at in (UP_S + 0.25, 9.0))
     assert all(mode is Mode.FAULT for mode in balance.modes[first:last])
     assert not any(any(command) for command in balance.commands[first:last])
-    assert max(speeds.values()) < 80.0, "rad/s: 4 m/s"
+    assert max(speeds.values()) < 100.0, "rad/s: in each cycle until it is noticed a wheel gains 15"
     assert max(speed for at, speed in speeds.items() if at > UP_S + 1.0) < 1.0, "friction stops what runs down"
     assert [answer.accepted for answer in balance.answers] == [True]
     assert (balance.modes[-1], balance.postures[-1]) == (Mode.ARMED, Posture.BALANCING)
