@@ -16,7 +16,7 @@ from segway_ecc.hil.commission import body_steps, safety_steps, wheel_steps
 from segway_ecc.hil.commission.expected import Expected, expected_of
 from segway_ecc.hil.commission.person import Task
 from segway_ecc.hil.commission.session import Session
-from segway_ecc.hil.commission.site import Site
+from segway_ecc.hil.commission.site import Workplace
 from segway_ecc.hil.commission.standing import stand
 from segway_ecc.hil.commission.wheel_steps import Found
 from segway_ecc.node.commissioning import STEPS, CommissioningReport, StepReport, digests_of
@@ -45,7 +45,7 @@ _IN_THE_AIR: Final = frozenset({"watchdog"})
 """Steps before which the wheels go back into the air."""
 
 
-def commission(file: RobotFile, site: Site, now: dt.datetime | None = None) -> CommissioningReport:
+def commission(file: RobotFile, site: Workplace, now: dt.datetime | None = None) -> CommissioningReport:
     """Go through the steps; the person is shown each outcome.
 
     Args:
@@ -112,7 +112,7 @@ def _stops_at_refusal(take: Callable[[str, Found], None]) -> Iterator[Callable[[
         take(name, Found("broken off by the person; zero was sent, and the drives are off", {}, "refused"))
 
 
-def _stand(site: Site, task: Task, seconds: float) -> Found:
+def _stand(site: Workplace, task: Task, seconds: float) -> Found:
     """Lay it down, tell the person, and have it stand up by its own loop."""
     with site.session() as session:
         session.ask(Task.SET_DOWN)

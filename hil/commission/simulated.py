@@ -99,7 +99,7 @@ class ScriptedPerson:
 
 
 class SimulatedSite:
-    """A simulated segway in lock step; see `Site`."""
+    """A simulated segway in lock step; see `Workplace`."""
 
     is_simulated = True
 
@@ -125,7 +125,7 @@ class SimulatedSite:
 
     @contextlib.contextmanager
     def session(self) -> Iterator[Session]:
-        """See `Site.session`; the person holds it."""
+        """See `Workplace.session`; the person holds it."""
         with self._simulated(self._held) as (rig, robot, simulated):
             self.person.rig, self.person.robot = rig, simulated
             robot.hardware.open()
@@ -134,13 +134,13 @@ class SimulatedSite:
 
     @contextlib.contextmanager
     def robot(self) -> Iterator[Robot]:
-        """See `Site.robot`; nobody holds it, and it lies on its bumper."""
+        """See `Workplace.robot`; nobody holds it, and it lies on its bumper."""
         with self._simulated(self._section.plant, lies=True) as (rig, robot, simulated):
             self.person.rig, self.person.robot = rig, simulated
             yield robot
 
     def kill(self) -> Found:
-        """See `Site.kill`: in lock step there is no process of its own."""
+        """See `Workplace.kill`: in lock step there is no process of its own."""
         return Found("simulated in lock step: there is no process to kill", {}, "left out")
 
     @contextlib.contextmanager

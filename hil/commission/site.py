@@ -28,7 +28,7 @@ _REPORT_S: Final = 0.05
 _TURNING_RAD_S: Final = 1.0
 
 
-class Site(Protocol):
+class Workplace(Protocol):
     """See the module."""
 
     file: RobotFile
@@ -53,7 +53,7 @@ class Site(Protocol):
 
 
 class RealSite:
-    """A robot on its bus; see `Site`."""
+    """A robot on its bus; see `Workplace`."""
 
     is_simulated = False
 
@@ -65,7 +65,7 @@ class RealSite:
 
     @contextlib.contextmanager
     def session(self) -> Iterator[Session]:
-        """See `Site.session`; the drives are to be tried without the guard too, also where `run` requires it."""
+        """See `Workplace.session`; the drives are to be tried without the guard too, also where `run` requires it."""
         hardware = msgspec.structs.replace(hardware_of(self.file), guard="optional")
         robot = build_robot(msgspec.structs.replace(self.file, hardware=hardware), RealClock())
         try:
@@ -76,11 +76,11 @@ class RealSite:
 
     @contextlib.contextmanager
     def robot(self) -> Iterator[Robot]:
-        """See `Site.robot`."""
+        """See `Workplace.robot`."""
         yield build_robot(msgspec.structs.replace(self.file, arming="on_request"), RealClock())
 
     def kill(self) -> Found:
-        """See `Site.kill`: the process is a child of this one, which only listens to the bus."""
+        """See `Workplace.kill`: the process is a child of this one, which only listens to the bus."""
         clock, settings = RealClock(), hardware_of(self.file)
         period_s = build_robot(self.file, clock).period_ns / NS_PER_S
         listener = build_hardware(settings, period_s, clock, _MutedLink(make_link(settings, clock)))

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from segway_ecc.hil.comparison.logged import PITCH, Array, LoggedRun
-from segway_ecc.hil.comparison.simulated import LoggedPlant, Piece, pieces_of
+from segway_ecc.hil.comparison.simulated import LoggedPlant, Window, pieces_of
 from segway_ecc.hil.errors import PlantMismatchError
 from segway_ecc.hil.plants.segway_hardware import BANDWIDTH
 from segway_ecc.hil.progress import OnProgress
@@ -71,7 +71,7 @@ class Comparison:
     run: LoggedRun
     plant: str
     simulated: Mapping[str, Array]
-    pieces: Sequence[Piece]
+    pieces: Sequence[Window]
     window_s: float | None
     begins_as_logged: bool
     delay_s: float
@@ -125,7 +125,7 @@ def compare(
     )
 
 
-def _offset(logged: LoggedPlant, run: LoggedRun, pieces: Sequence[Piece], delay_s: float) -> float:
+def _offset(logged: LoggedPlant, run: LoggedRun, pieces: Sequence[Window], delay_s: float) -> float:
     """The offset of the logged pitch, rad, with which the wheels differ least: an accelerometer that is off leaves one.
 
     By least squares of what it changes, taken to be in proportion to it.
@@ -157,10 +157,10 @@ def _wheels(found: Mapping[str, Array]) -> list[str]:
     return [name for name in found if name.endswith((".angle", ".velocity"))]
 
 
-def _lively(run: LoggedRun, pieces: Sequence[Piece]) -> list[Piece]:
+def _lively(run: LoggedRun, pieces: Sequence[Window]) -> list[Window]:
     """The pieces in which the commands change most."""
 
-    def change(piece: Piece) -> float:
+    def change(piece: Window) -> float:
         return float(np.sum(np.abs(np.diff(run.commands[piece.first : piece.end], axis=0))))
 
     return sorted(sorted(pieces, key=change)[-_SEARCHED:], key=lambda piece: piece.first)

@@ -26,14 +26,14 @@ _NO_ERRORS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class Window:
     """Some cycles that are simulated together: the place of the first in the run, and the one behind the last."""
 
     first: int
     end: int
 
 
-def pieces_of(run: LoggedRun, window_s: float | None) -> list[Piece]:
+def pieces_of(run: LoggedRun, window_s: float | None) -> list[Window]:
     """The pieces of a run, each `window_s` long, s; None for whole stretches. What is left at an end is left out."""
     cycles = None if window_s is None else max(round(window_s / run.period_s), _LEAST_CYCLES)
     pieces = []
@@ -41,7 +41,7 @@ def pieces_of(run: LoggedRun, window_s: float | None) -> list[Piece]:
         first, last = begin + _HALF_SPAN, end - _HALF_SPAN
         length = last - first if cycles is None else cycles
         if length >= _LEAST_CYCLES:
-            pieces += [Piece(at, at + length) for at in range(first, last - length + 1, length)]
+            pieces += [Window(at, at + length) for at in range(first, last - length + 1, length)]
     return pieces
 
 
@@ -89,7 +89,7 @@ class LoggedPlant:
         """Whether the plant can be started in a motion; else it begins as it always does."""
         return isinstance(self._plant, Placeable)
 
-    def simulate(self, pieces: Sequence[Piece], delay_s: float, pitch_offset: float = 0.0) -> Mapping[str, Array]:
+    def simulate(self, pieces: Sequence[Window], delay_s: float, pitch_offset: float = 0.0) -> Mapping[str, Array]:
         """Each compared signal at the cycles of a run, shape (n,), SI; NaN outside of the pieces.
 
         Args:
@@ -102,7 +102,7 @@ class LoggedPlant:
             self._simulate(piece, delay_s, pitch_offset, found)
         return found
 
-    def _simulate(self, piece: Piece, delay_s: float, pitch_offset: float, found: Mapping[str, Array]) -> None:
+    def _simulate(self, piece: Window, delay_s: float, pitch_offset: float, found: Mapping[str, Array]) -> None:
         run, plant = self._run, self._plant
         step, begin = plant.step_size, min(float(run.times[name][piece.first]) for name in self.compared)
         end = max(float(run.times[name][piece.end - 1]) for name in self.compared)

@@ -22,7 +22,7 @@ _KINDS: Final = ("cruise", "turn", "curve", "creep", "reverse", "stop")
 _WEIGHTS: Final = (3, 2, 3, 1, 2, 3)
 
 
-class Piece(NamedTuple):
+class Leg(NamedTuple):
     """A part of the programme.
 
     The target is what is asked for at its end; the ramp, s, is how long the set-point takes to get there, 0 for a step;
@@ -34,14 +34,14 @@ class Piece(NamedTuple):
     lasts_s: float
 
 
-def programme(seed: int) -> Iterator[Piece]:
+def programme(seed: int) -> Iterator[Leg]:
     """Pieces without end; the same seed gives the same ones."""
     chance = random.Random(seed)  # noqa: S311 - chance that can be repeated is what is wanted
-    yield Piece(REST, 0.0, FIRST_S)
+    yield Leg(REST, 0.0, FIRST_S)
     while True:
         target = _target(chance.choices(_KINDS, _WEIGHTS)[0], chance)
         ramp_s = chance.choice((0.0, chance.uniform(*_RAMP_S)))
-        yield Piece(target, ramp_s, ramp_s + chance.uniform(*_LASTS_S))
+        yield Leg(target, ramp_s, ramp_s + chance.uniform(*_LASTS_S))
 
 
 class Driver:
@@ -51,7 +51,7 @@ class Driver:
         """Drive the programme of a seed."""
         self.pieces = 0
         self._programme = programme(seed)
-        self._piece = Piece(REST, 0.0, 0.0)
+        self._piece = Leg(REST, 0.0, 0.0)
         self._from = REST
         self._begun_s = 0.0
 

@@ -20,7 +20,7 @@ Before = Mapping[tuple[str, str], float]
 """Of an earlier run: by robot and trial the share that stood, percent."""
 
 
-class Row(NamedTuple):
+class TrialRow(NamedTuple):
     """A trial of a robot, or a group of them: how many runs, how they ended, and the reasons, most frequent first."""
 
     robot: str
@@ -39,7 +39,7 @@ class Row(NamedTuple):
         return 100.0 * self.endings.get(ending, 0) / self.runs
 
 
-def rows_of(results: Sequence[FloorResult]) -> list[Row]:
+def rows_of(results: Sequence[FloorResult]) -> list[TrialRow]:
     """A row for each trial of each robot, in the order of the results."""
     grouped: dict[tuple[str, str], list[FloorResult]] = {}
     for result in results:
@@ -47,7 +47,7 @@ def rows_of(results: Sequence[FloorResult]) -> list[Row]:
     return [_row(robot, name, found[0].kind, found) for (robot, name), found in grouped.items()]
 
 
-def totals_of(results: Sequence[FloorResult]) -> list[Row]:
+def totals_of(results: Sequence[FloorResult]) -> list[TrialRow]:
     """A row for each kind of trial of each robot, and one for all of the robot."""
     grouped: dict[tuple[str, str], list[FloorResult]] = {}
     for result in results:
@@ -98,12 +98,14 @@ def draw(results: Sequence[FloorResult], title: str) -> Mapping[str, bytes]:
     return {"floor.png": png((13.0, 1.5 + 0.24 * half), drawn, font_size=8.5)}
 
 
-def _row(robot: str, name: str, kind: str, results: Sequence[FloorResult]) -> Row:
+def _row(robot: str, name: str, kind: str, results: Sequence[FloorResult]) -> TrialRow:
     reasons = Counter(result.reason for result in results if result.reason)
-    return Row(robot, name, kind, Counter(r.ending for r in results), tuple(text for text, _ in reasons.most_common()))
+    return TrialRow(
+        robot, name, kind, Counter(r.ending for r in results), tuple(text for text, _ in reasons.most_common())
+    )
 
 
-def _as_json(row: Row, before: Before) -> dict[str, Any]:
+def _as_json(row: TrialRow, before: Before) -> dict[str, Any]:
     return {
         "robot": row.robot,
         "trial": row.name,
@@ -127,13 +129,13 @@ def _before_totals(results: Sequence[FloorResult], before: Before) -> Before:
     return {key: sum(shares) / len(shares) for key, shares in complete.items() if len(shares) == len(totals[key])}
 
 
-def _lines(what: str, rows: Sequence[Row], before: Before) -> list[str]:
+def _lines(what: str, rows: Sequence[TrialRow], before: Before) -> list[str]:
     earlier = ("before, %",) if before else ()
     head = (what, "robot", "runs", *earlier, "stands, %", "ends safe, %", "BROKEN", "most frequent reason")
     return aligned([head, *(_cells(row, before) for row in rows)])
 
 
-def _cells(row: Row, before: Before) -> tuple[str, ...]:
+def _cells(row: TrialRow, before: Before) -> tuple[str, ...]:
     share = before.get((row.robot, row.name))
     earlier = ("-" if share is None else f"{share:.0f}",) if before else ()
     reason = row.reasons[0] if row.reasons and row.name not in {row.kind, "all"} else ""
@@ -145,7 +147,7 @@ def _cells(row: Row, before: Before) -> tuple[str, ...]:
     )
 
 
-def _draw_bars(axis: "Axes", rows: Sequence[Row]) -> None:
+def _draw_bars(axis: "Axes", rows: Sequence[TrialRow]) -> None:
     places, robots = range(len(rows)), {row.robot for row in rows}
     left = [0.0] * len(rows)
     for ending, colour in _COLOURS.items():

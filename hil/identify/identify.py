@@ -17,8 +17,8 @@ from segway_ecc.hil.identify.quantities import Quantity, quantities
 from segway_ecc.hil.identify.windows import Run, windows_of
 from segway_ecc.node.models.segway_parameters import SegwayParameters
 
-_UNTOLD: Final = 0.7
-"""Share of the deviation before that is left, from which on the runs are said to tell nothing."""
+_HARDLY_FOUND: Final = 0.7
+"""Share of the deviation before that is left, from which on the runs count as showing nothing of it."""
 _WIDE: Final = 0.1
 """Half width of an interval, as a share of the value, beyond which a reason is given."""
 _TOGETHER: Final = 0.8
@@ -26,11 +26,11 @@ _TOGETHER: Final = 0.8
 _MANY_OUTLIERS: Final = 0.25
 
 
-class Verdict(enum.StrEnum):
+class Origin(enum.StrEnum):
     """Where a value comes from."""
 
-    TOLD = "told by the runs"
-    UNTOLD = "hardly told by the runs"
+    RUNS = "found from the runs"
+    BEFORE = "hardly to be found from the runs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Estimate:
     most: float
     is_size: bool
     is_parameter: bool
-    verdict: Verdict
+    origin: Origin
     together_with: tuple[str, ...]
 
     @property
@@ -74,7 +74,7 @@ class Estimate:
     @property
     def remark(self) -> str:
         """Why the interval is wide, where it is."""
-        if self.verdict is Verdict.UNTOLD:
+        if self.origin is Origin.BEFORE:
             return "the runs hardly tell it"
         if self.together_with and self.is_wide:
             return f"not told apart from {', '.join(self.together_with)}"
@@ -131,10 +131,10 @@ def _partners(fit: Fit, correlations: Matrix, place: int) -> tuple[str, ...]:
 
 def _estimate(q: Quantity, coordinate: float, deviation: float, together_with: tuple[str, ...]) -> Estimate:
     half = NORMAL_95 * deviation
-    verdict = Verdict.UNTOLD if deviation > _UNTOLD * q.deviation else Verdict.TOLD
+    origin = Origin.BEFORE if deviation > _HARDLY_FOUND * q.deviation else Origin.RUNS
     least, most = q.value(coordinate - half), q.value(coordinate + half)
     return Estimate(
-        q.name, q.unit, q.known, q.value(coordinate), least, most, q.is_size, q.is_parameter, verdict, together_with
+        q.name, q.unit, q.known, q.value(coordinate), least, most, q.is_size, q.is_parameter, origin, together_with
     )
 
 

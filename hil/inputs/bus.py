@@ -33,7 +33,7 @@ _NEEDS_GUARD: Final = (("  watchdog_s: 0.04", "  guard: required\n  watchdog_s: 
 _OUTSIDER: Final = "command frames that this node did not send"
 
 
-class Stranger:
+class BusStranger:
     """Another participant of the robot's bus."""
 
     def __init__(self, rig: Rig, link: Link) -> None:
@@ -66,13 +66,13 @@ class Stranger:
 
 
 @contextlib.contextmanager
-def stranger(rig: Rig) -> Iterator[Stranger]:
+def stranger(rig: Rig) -> Iterator[BusStranger]:
     """One on the bus as long as the context lasts."""
     settings = hardware_of(load_robot(str(rig.file))).can
     settings = msgspec.structs.replace(settings, interface="local", channel=rig.parts.setup.channel)
     with contextlib.closing(can_link(settings, RealClock())) as link:
         link.open()
-        yield Stranger(rig, link)
+        yield BusStranger(rig, link)
 
 
 def _second_run(rig: Rig, undo: ExitStack) -> Event:

@@ -11,7 +11,7 @@ from segway_ecc.hil.commission.commission import commission, passes, write_repor
 from segway_ecc.hil.commission.miswiring import ERRORS
 from segway_ecc.hil.commission.person import TerminalPerson
 from segway_ecc.hil.commission.simulated import SimulatedSite
-from segway_ecc.hil.commission.site import RealSite, Site
+from segway_ecc.hil.commission.site import RealSite, Workplace
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.cli.options import (
     add_json,
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if passes(report) else 1
 
 
-def _site(options: argparse.Namespace) -> Site:
+def _site(options: argparse.Namespace) -> Workplace:
     if options.simulated:
         if options.error is not None and options.error not in ERRORS:
             raise ConfigurationError(f"--error: there is no '{options.error}'; --error list names them")

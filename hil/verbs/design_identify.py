@@ -161,7 +161,7 @@ def as_json(found: Identified, advice: Sequence[Advice] = ()) -> dict[str, Any]:
                 "found": e.value,
                 "least": e.least,
                 "most": e.most,
-                "verdict": e.verdict.value,
+                "origin": e.origin.value,
                 "together_with": list(e.together_with),
             }
             for e in found.estimates

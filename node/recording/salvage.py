@@ -66,7 +66,7 @@ _SHORTEST: Final = 2 * len(MCAP0_MAGIC)
 _FOOTER_UNDER_CRC: Final = _HEAD.size + 16
 
 
-class Topic(NamedTuple):
+class SalvagedTopic(NamedTuple):
     """The type of a topic's messages, and that type's definition."""
 
     type_name: str
@@ -94,7 +94,7 @@ class Salvage:
         self.attachments: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.counts: dict[str, int] = {}
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, SalvagedTopic] = {}
         self._names: dict[int, str] = {}
         self._schemas: dict[int, Schema] = {}
         self._chunks: list[tuple[int, int]] = []
@@ -192,7 +192,7 @@ class Salvage:
                 self.attachments[name] = data
             case Metadata(name=name, metadata=values) if name.startswith(CHANNEL):
                 with contextlib.suppress(ValueError, KeyError):  # it has no checksum of its own
-                    self.topics[values["topic"]] = Topic(values["type"], values["definition"])
+                    self.topics[values["topic"]] = SalvagedTopic(values["type"], values["definition"])
                     self._names[int(name.removeprefix(CHANNEL))] = values["topic"]
             case Metadata(name=name, metadata=values):
                 self.metadata[name] = values
@@ -200,7 +200,7 @@ class Salvage:
                 self._schemas[record.id] = record
             case Channel() if record.schema_id in self._schemas:
                 schema = self._schemas[record.schema_id]
-                self.topics[record.topic] = Topic(schema.name, schema.data.decode(errors="replace"))
+                self.topics[record.topic] = SalvagedTopic(schema.name, schema.data.decode(errors="replace"))
                 self._names[record.id] = record.topic
             case _:
                 pass

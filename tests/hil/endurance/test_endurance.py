@@ -8,7 +8,7 @@ import pytest
 
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.endurance import endurance
-from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Piece, programme
+from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Leg, programme
 from segway_ecc.hil.endurance.endurance import EndurancePlan, Stretch, Trip, drive, drive_seed, endure
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.simulation import LockstepRig
@@ -26,7 +26,7 @@ def whole(plan: EndurancePlan, jobs: int) -> tuple[list[Stretch], list[float]]:
 
 def test_a_programme_is_within_the_usual_range_and_has_every_kind_of_piece() -> None:
     pieces = list(itertools.islice(programme(3), 400))
-    assert pieces[0] == Piece(REST, 0.0, FIRST_S)
+    assert pieces[0] == Leg(REST, 0.0, FIRST_S)
     for piece in pieces:
         assert -MOST_BACK <= piece.target.linear_velocity <= MOST_AHEAD
         assert abs(piece.target.angular_velocity) <= MOST_TURNING

@@ -46,8 +46,8 @@ def test_it_finds_the_robot_and_writes_its_file(log: Path, tmp_path: Path, segwa
     for name, value in TRUE.items():
         assert found[name]["found"] == pytest.approx(value, rel=0.05), name
         assert found[name]["least"] <= value <= found[name]["most"], name
-        assert found[name]["verdict"] == "told by the runs"
-    assert found["ViscousFriction"]["verdict"] == "hardly told by the runs"
+        assert found[name]["origin"] == "found from the runs"
+    assert found["ViscousFriction"]["origin"] == "hardly to be found from the runs"
 
     file, before = load_robot(str(out)), load_robot("segway")
     assert file.simulation is not None
