@@ -12,8 +12,8 @@ from segway_ecc.hil.commission.person import Task
 from segway_ecc.hil.commission.session import SIDES, Session, StepRefusedError
 from segway_ecc.hil.commission.wheel_steps import Found
 from segway_ecc.node.config import NoHardwareSection
+from segway_ecc.node.safety.tilt import GRAVITY
 
-_GRAVITY: Final = 9.80665
 _AS_DECLARED: Final = ("+x", "+y", "+z")
 _STILL_S: Final = 1.0
 _STILL_RAD_S: Final = 0.1
@@ -151,9 +151,9 @@ def _check_gravity(upright: tuple[float, float, float]) -> None:
     size = mounting.length(upright)
     if abs(size - 1.0) <= _IN_G:
         raise StepRefusedError(f"the accelerometer gives g, not m/s2: at rest it feels {size:.3f}; set its unit")
-    if abs(size - _GRAVITY) > _GRAVITY_TOLERANCE:
+    if abs(size - GRAVITY) > _GRAVITY_TOLERANCE:
         raise StepRefusedError(
-            f"the accelerometer's scale is off: at rest it feels {size:.2f} m/s2, and gravity is {_GRAVITY:.2f}"
+            f"the accelerometer's scale is off: at rest it feels {size:.2f} m/s2, and gravity is {GRAVITY:.2f}"
         )
 
 

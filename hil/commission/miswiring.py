@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.devices.device import advance_of
+from segway_ecc.hil.rig.fronts import PlantFront
 from segway_ecc.node.model.model import Model
+from segway_ecc.node.safety.tilt import GRAVITY
 
 Values = dict[str, float]
 _RATE: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
 _FORCE: Final = tuple(f"imu.linear_acceleration_{axis}" for axis in "xyz")
 _ENCODERS: Final = ("angle", "velocity")
 _DEGREES: Final = 180.0 / math.pi
-_GRAVITY: Final = 9.80665
 
 
 def _same(_values: Values) -> None:
@@ -121,7 +121,7 @@ _ALL: Final = (
     Miswiring("gyro sign reversed", "imu", "gyro's sign is reversed about x, y, z", sensors=_factor(-1.0, *_RATE)),
     Miswiring("gyro y reversed", "imu", "gyro's sign is reversed about y", sensors=_factor(-1.0, _RATE[1])),
     Miswiring("gyro in degrees", "imu", "degrees per second", sensors=_factor(_DEGREES, *_RATE)),
-    Miswiring("accelerometer in g", "imu", "gives g", sensors=_factor(1.0 / _GRAVITY, *_FORCE)),
+    Miswiring("accelerometer in g", "imu", "gives g", sensors=_factor(1.0 / GRAVITY, *_FORCE)),
     Miswiring("IMU frozen", "signals", "do not change", sensors=_factor(0.0, *_RATE, *_FORCE)),
     Miswiring("pitch zero off", "pitch zero", "zero of pitch is off", sensors=_pitched(0.1)),
     Miswiring("wheels larger", "wheel radius", "wheel radius is 0.06", parameters={"WheelRadius": 0.06}),
@@ -133,48 +133,25 @@ ERRORS: Final = {error.name: error for error in _ALL}
 """The errors that a simulated robot can have, by name."""
 
 
-class MiswiredPlant:
-    """Stands between devices and plant; see `Model`. What is true of the plant, `truth.*`, stays true."""
+class MiswiredPlant(PlantFront):
+    """A plant whose motors and sensors are wired as an error has them."""
 
     def __init__(self, plant: Model, error: Miswiring) -> None:
         """Stand in front of `plant`."""
-        self.name, self.step_size = plant.name, plant.step_size
-        self.inputs, self.outputs = plant.inputs, plant.outputs
-        self.parameters, self.states = plant.parameters, plant.states
-        self._plant, self._error, self._advance = plant, error, advance_of(plant)
+        super().__init__(plant)
+        self._error = error
         self._given = [variable.name.partition(".")[0] for variable in plant.inputs]
         self._shown = [variable.name for variable in plant.outputs]
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the plant has asked to stop."""
-        return self._plant.stopped
-
     def initialize(self, u: Sequence[float]) -> list[float]:
         """Start at time zero; see `Model.initialize`."""
-        return self._sense(self._plant.initialize(u))
-
-    def step(self, u: Sequence[float]) -> list[float]:
-        """Push with what reaches the motors; return what the sensors show."""
-        return self.advance(u, 1)
+        return self._sense(super().initialize(u))
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
-        """Make some steps at once; see `Advancing`."""
+        """Push with what reaches the motors, some steps at once; return what the sensors show."""
         values = dict(zip(self._given, u, strict=True))
         self._error.motors(values)
-        return self._sense(self._advance([values[name] for name in self._given], steps))
-
-    def terminate(self) -> None:
-        """Run the final section."""
-        self._plant.terminate()
-
-    def read(self, name: str) -> float:
-        """The plant's own value; see `Model.read`."""
-        return self._plant.read(name)
-
-    def write(self, name: str, value: float) -> None:
-        """Write to the plant; see `Model.write`."""
-        self._plant.write(name, value)
+        return self._sense(super().advance([values[name] for name in self._given], steps))
 
     def _sense(self, outputs: Sequence[float]) -> list[float]:
         values = dict(zip(self._shown, outputs, strict=True))

@@ -4,8 +4,8 @@
 from collections import deque
 from collections.abc import Sequence
 
-from segway_ecc.hil.devices.device import advance_of
 from segway_ecc.hil.faults.fault import Injection, Injections
+from segway_ecc.hil.rig.fronts import PlantFront
 from segway_ecc.node.model.model import Model, Variable
 
 _PREFIXES = {
@@ -26,38 +26,21 @@ _VARYING = {
 """Faults that give a motor something else in each step, or have to see what a sensor shows in each."""
 
 
-class DisturbedPlant:
-    """Stands between devices and plant; see `Model`. What is true of the plant, `truth.*`, stays true."""
+class DisturbedPlant(PlantFront):
+    """A plant with faults."""
 
     def __init__(self, plant: Model, injections: Injections) -> None:
         """Stand in front of `plant`."""
-        self.name, self.step_size = plant.name, plant.step_size
-        self.inputs, self.outputs = plant.inputs, plant.outputs
-        self.parameters, self.states = plant.parameters, plant.states
-        self._plant = plant
-        self._advance = advance_of(plant)
+        super().__init__(plant)
         self._sensors = [_Disturbance(i, plant.outputs, plant.step_size) for i in injections.of("imu", "encoder")]
         motors = injections.of("left_motor", "right_motor", "battery")
         self._motors = [_Disturbance(i, plant.inputs, plant.step_size) for i in motors]
         self._disturbances = (*self._motors, *self._sensors)
 
-    @property
-    def stopped(self) -> bool:
-        """Whether the plant has asked to stop."""
-        return self._plant.stopped
-
-    def initialize(self, u: Sequence[float]) -> list[float]:
-        """Start at time zero; see `Model.initialize`."""
-        return self._plant.initialize(u)
-
-    def step(self, u: Sequence[float]) -> list[float]:
-        """Push with what the motors make of `u`; return what the sensors make of the outputs."""
-        return self._disturbed(u, 1)
-
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps, at once where none of them is disturbed otherwise than the others; see `Advancing`."""
         if not self._disturbances:
-            return list(self._advance(u, steps))
+            return super().advance(u, steps)
         if not any(disturbance.acts_each_step for disturbance in self._disturbances):
             return self._disturbed(u, steps)
         for _ in range(steps - 1):
@@ -68,22 +51,10 @@ class DisturbedPlant:
         given = list(u)
         for motor in self._motors:
             motor.disturb(given)
-        measured = list(self._advance(given, steps))
+        measured = super().advance(given, steps)
         for sensor in self._sensors:
             sensor.disturb(measured)
         return measured
-
-    def terminate(self) -> None:
-        """Run the final section."""
-        self._plant.terminate()
-
-    def read(self, name: str) -> float:
-        """The plant's own value; see `Model.read`."""
-        return self._plant.read(name)
-
-    def write(self, name: str, value: float) -> None:
-        """Write to the plant; see `Model.write`."""
-        self._plant.write(name, value)
 
 
 class _Disturbance:

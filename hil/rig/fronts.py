@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Links and recorders in front of others: what passes is the other's, but for what a kind of front changes."""
+"""Links, recorders and plants in front of others: what passes is the other's, but for what a kind of front changes."""
 
 import enum
 import time
@@ -10,9 +10,11 @@ from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.hil.devices.device import advance_of
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.model.model import Model
 
 _PATIENCE_S: Final = 0.25
 """For a frame that is on its way through a kernel and its controllers; longer, and it is lost."""
@@ -197,3 +199,46 @@ class RecorderFront:
     def close(self) -> None:
         """Finish the log."""
         self._behind.close()
+
+
+class PlantFront:
+    """Stands between devices and plant; a kind of it overrides `advance`. See `Model`.
+
+    What is true of the plant, `truth.*`, stays true.
+    """
+
+    def __init__(self, plant: Model) -> None:
+        """Stand in front of `plant`."""
+        self.name, self.step_size = plant.name, plant.step_size
+        self.inputs, self.outputs = plant.inputs, plant.outputs
+        self.parameters, self.states = plant.parameters, plant.states
+        self._plant, self._advance = plant, advance_of(plant)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the plant has asked to stop."""
+        return self._plant.stopped
+
+    def initialize(self, u: Sequence[float]) -> list[float]:
+        """Start at time zero; see `Model.initialize`."""
+        return self._plant.initialize(u)
+
+    def step(self, u: Sequence[float]) -> list[float]:
+        """Push with what the motors make of `u`; return what the sensors make of the outputs."""
+        return self.advance(u, 1)
+
+    def advance(self, u: Sequence[float], steps: int) -> list[float]:
+        """Make some steps at once; see `Advancing`."""
+        return list(self._advance(u, steps))
+
+    def terminate(self) -> None:
+        """Run the final section."""
+        self._plant.terminate()
+
+    def read(self, name: str) -> float:
+        """The plant's own value; see `Model.read`."""
+        return self._plant.read(name)
+
+    def write(self, name: str, value: float) -> None:
+        """Write to the plant; see `Model.write`."""
+        self._plant.write(name, value)
