@@ -17,7 +17,6 @@ from segway_ecc.node.config import NoHardwareSection
 _LOOK_S: Final = 0.5
 _TURNING_RAD_S: Final = 2.0
 _SLOW_RAD_S: Final = 5.0
-_SPIN_UP_S: Final = 3.0
 _STOP_WITHIN_S: Final = 60.0
 _REPORT_S: Final = 0.05
 """What telemetry and one period of the loop may add to a watchdog until it is seen."""
@@ -163,15 +162,10 @@ def turn(session: Session, side: str) -> Callable[[float], Mapping[str, float]]:
     Raises:
         StepRefusedError: It does not turn.
     """
-    most = session.limits[SIDES.index(side)]
-    recording = session.drive(
-        _SPIN_UP_S,
-        lambda since_s: {side: most * min(since_s / _SPIN_UP_S, 1.0)},
-        lambda _: abs(session.value(f"{side}.velocity")) > _TURNING_RAD_S,
-    )
+    recording = session.ramp(side, lambda: abs(session.value(f"{side}.velocity")) > _TURNING_RAD_S)
     if abs(session.value(f"{side}.velocity")) <= _TURNING_RAD_S:
         raise StepRefusedError(f"the {side} wheel does not turn for this step")
-    sent = max(max(map(abs, row)) for row in recording.sent)
+    sent = recording.most_sent
     # In the air what begins to turn a wheel would drive it ever faster.
     return lambda _: {side: sent if session.value(f"{side}.velocity") < _SLOW_RAD_S else 0.0}
 

@@ -28,6 +28,7 @@ _SLEW_S: Final = 0.02
 _FIT_WITHIN_S: Final = 5.0
 _READY_WITHIN_S: Final = 3.0
 _PATIENCE_S: Final = 600.0
+_RAMP_S: Final = 3.0
 _ZEROES: Final = 3
 
 
@@ -50,6 +51,11 @@ class Recording:
         self.times.append(time_s)
         self._rows.append(sensors.values)
         self.sent.append(sent)
+
+    @property
+    def most_sent(self) -> float:
+        """The largest command that was sent to any drive, in its unit."""
+        return max(max(map(abs, row)) for row in self.sent)
 
     def of(self, name: str) -> list[float]:
         """The values of a signal."""
@@ -158,6 +164,11 @@ class Session:
             reasons = [*self.newest.faults, *(f"no fresh {name}" for name in self.stale())]
             raise StepRefusedError(f"while a wheel was driven: {'; '.join(reasons)}")
         return recording
+
+    def ramp(self, side: str, until: Callable[[], bool]) -> Recording:
+        """Raise the command of a drive from zero to its limit here, in 3 s, until something is so; see `drive`."""
+        most = self.limits[SIDES.index(side)]
+        return self.drive(_RAMP_S, lambda since_s: {side: most * min(since_s / _RAMP_S, 1.0)}, lambda _: until())
 
     def ask(self, task: Task, *, may_be_silent: bool = False) -> Recording:
         """Tell the person what to do, and measure until they have done it.

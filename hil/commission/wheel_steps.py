@@ -6,6 +6,7 @@ what it found and the remedy.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.hil.commission.expected import Expected
@@ -27,7 +28,6 @@ _MOVED: Final = 0.3
 """A wheel that has turned by less, rad, has not been moved."""
 _TURN_TOLERANCE: Final = 0.1
 """Of a turn by hand."""
-_RAMP_S: Final = 3.0
 _LEVELS: Final = (1.5, 2.5)
 """Of what it takes to move a wheel: the commands of which the difference counts, where friction cancels."""
 _LEVEL_S: Final = 0.4
@@ -85,17 +85,9 @@ def motors(session: Session, _expected: Expected) -> Found:
     session.ask(Task.KEEP_CLEAR)
     measured: dict[str, float] = {}
     for side in SIDES:
-        most = session.limits[SIDES.index(side)]
         with session.driving():
             start = {each: session.value(f"{each}.angle") for each in SIDES}
-            recording = session.drive(
-                _RAMP_S,
-                lambda since_s, side=side, most=most: {side: most * min(since_s / _RAMP_S, 1.0)},  # type: ignore[misc]
-                lambda _, start=start: any(  # type: ignore[misc]
-                    abs(session.value(f"{each}.angle") - start[each]) > _MOVED for each in SIDES
-                ),
-            )
-        sent = max(max(map(abs, row)) for row in recording.sent)
+            sent = _moves_at(session, side, SIDES)
         turned = {each: session.value(f"{each}.angle") - start[each] for each in SIDES}
         session.rest()
         unit = next(iter(session.hardware.commands.values()))
@@ -155,7 +147,8 @@ def strength(session: Session, expected: Expected) -> Found:
 def _gain(session: Session, side: str, *, is_voltage: bool) -> float:
     """What a motor's speed (voltage), or its acceleration (torque), gains for the difference of two commands."""
     most = session.limits[SIDES.index(side)]
-    moves_at = _breakaway(session, side, most)
+    with session.driving():
+        moves_at = _moves_at(session, side, (side,))
     session.rest()
     effects = []
     levels = [min(level * moves_at, most) for level in _LEVELS]
@@ -177,13 +170,10 @@ def _gain(session: Session, side: str, *, is_voltage: bool) -> float:
     return (effects[1] - effects[0]) / (levels[1] - levels[0])
 
 
-def _breakaway(session: Session, side: str, most: float) -> float:
-    """The command at which a wheel moves."""
-    with session.driving():
-        start = session.value(f"{side}.angle")
-        recording = session.drive(
-            _RAMP_S,
-            lambda since_s: {side: most * min(since_s / _RAMP_S, 1.0)},
-            lambda _: abs(session.value(f"{side}.angle") - start) > _MOVED,
-        )
-    return max(max(map(abs, row)) for row in recording.sent)
+def _moves_at(session: Session, side: str, wheels: Sequence[str]) -> float:
+    """The command of a drive at which one of these wheels has moved, or the largest that is tried."""
+    start = {wheel: session.value(f"{wheel}.angle") for wheel in wheels}
+    ramp = session.ramp(
+        side, lambda: any(abs(session.value(f"{wheel}.angle") - start[wheel]) > _MOVED for wheel in wheels)
+    )
+    return ramp.most_sent
