@@ -341,6 +341,7 @@ class Cycle:
             refused.clear()  # a later reader is not to take it for the answer to its own
             return published
         modes, echo = self.arming.modes, self._supervision.echo(now_ns)
+        residual = self._monitor.residual
         drives = "on" if sensors.ready else "off" if sensors.off else "unconfirmed"
         report = Report(  # in the order of the fields, as above
             stamp_ns,
@@ -360,7 +361,7 @@ class Cycle:
             refused.popleft() if refused else None,
             echo is not None and self._supervision.is_introduced(echo.heartbeat.station),
             self.posture,
-            () if self.residual is None else self.residual.values,
+            () if residual is None else residual.values,
         )
         self._reported = report
         self._stage.publish(report)
@@ -368,10 +369,11 @@ class Cycle:
 
     def _watch(self, sensors: Sensors, start_ns: int, lateness_ns: int) -> None:
         """Have safety look at what was measured; what it warns of is an event, and no reason for anything else."""
-        monitor, values, valid = self._monitor, sensors.values, sensors.valid
-        monitor.look(values, valid, start_ns, lateness_ns, self._followed)
-        balances = self.posture is Posture.BALANCING
-        self._warning = monitor.look_for_deviations(values, valid, self._commands, balances=balances)
+        balances = self._posture is not None and self._posture.watch.posture is Posture.BALANCING
+        followed, sent = self._followed, self._commands
+        self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, followed, sent, balances=balances)
+        residual = self._monitor.residual
+        self._warning = None if residual is None else residual.warning
         if self._warning is not None:
             self.events.append(self._warning)
 

@@ -78,13 +78,16 @@ class SafetyMonitor:
         self._lies_for = periods_in(LIES_FOR_S, self._period_s)
         self.body = Body(None, is_still=False)
 
-    def look(
+    def look(  # noqa: PLR0913, PLR0917 - what there is of a cycle, in one call, since it is made in each
         self,
         values: Sequence[float],
         valid: Sequence[bool],
         start_ns: int,
         lateness_ns: int,
         setpoint: tuple[float, float] | None = None,
+        sent: Sequence[float] = (),
+        *,
+        balances: bool = False,
     ) -> Sequence[str]:
         """Take a cycle.
 
@@ -94,6 +97,8 @@ class SafetyMonitor:
             start_ns: When the cycle started, ns, monotonic.
             lateness_ns: How long after its deadline that was, ns.
             setpoint: What the robot followed in the cycle before, m/s and rad/s; None where it had to follow nothing.
+            sent: The commands that left in this cycle, which `residual` needs.
+            balances: Whether the robot does, and neither stands up nor lies.
 
         Returns:
             What is wrong; each of it is a reason to take the torque away.
@@ -119,21 +124,10 @@ class SafetyMonitor:
             self._still.look(view)
         if self._settings.posture is not None and self._tilt is not None:
             self.body = Body(self._tilt.estimate.tilt, self._is_still(values), view.periods)
+        if self.residual is not None:
+            self.residual.look(view, sent, balances=balances)
         self.faults = faults
         return faults
-
-    def look_for_deviations(
-        self, values: Sequence[float], valid: Sequence[bool], sent: Sequence[float], *, balances: bool
-    ) -> str | None:
-        """What begins or ends to differ from the design in the cycle that was taken last; nothing in nearly all.
-
-        The commands `sent` left in it; `balances` is whether the robot did so, and neither stood up nor lay.
-        """
-        if self.residual is None:
-            return None
-        view = View(values, valid, max(round(self.elapsed_s / self._period_s), 1))
-        self.residual.look(view, sent, balances=balances)
-        return self.residual.warning
 
     @property
     def imu_is_credible(self) -> bool:
