@@ -1,39 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""A robot file's text with what was identified: the plant's parameters, and what follows from them elsewhere in it."""
+"""A robot file's text with what follows from the plant's parameters elsewhere in it."""
 
 import re
 from collections.abc import Mapping
 from typing import Final
 
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters
 
-_SIMULATION: Final = re.compile(r"^simulation:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n?)*)", re.MULTILINE)
-_PARAMETERS: Final = re.compile(r"^  parameters:.*\n?(?:    .*\n?)*", re.MULTILINE)
 _SAFETY: Final = re.compile(r"^safety:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n|[ \t]*\n)*)", re.MULTILINE)
-
-
-def with_plant(text: str, parameters: Mapping[str, float]) -> str:
-    """The text with other parameters of its plant; everything else stays as it is.
-
-    Raises:
-        ConfigurationError: The file is not laid out as the packaged ones are.
-    """
-    section = _SIMULATION.search(text)
-    if section is None:
-        raise ConfigurationError("the robot file has no block `simulation:`; lay it out as segway.yaml is")
-    body = _PARAMETERS.sub("", section.group(2))
-    body += "" if body.endswith("\n") else "\n"
-    body += "  parameters:\n" + "".join(f"    {name}: {value!r}\n" for name, value in parameters.items())
-    changed = text[: section.start(2)] + body + text[section.end(2) :]
-    simulation = decode_yaml(changed, RobotFile, "the robot file with what was identified").simulation
-    if simulation is None or simulation.parameters != dict(parameters):
-        raise ConfigurationError(
-            "the plant's parameters cannot be put into this robot file; lay its `simulation:` out as segway.yaml's is"
-        )
-    return changed
 
 
 def with_safety(text: str, p: SegwayParameters) -> str:

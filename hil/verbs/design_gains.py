@@ -3,17 +3,16 @@
 
 import argparse
 import math
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from segway_ecc.hil.design.robot_text import with_parameters
 from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
-from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
@@ -22,8 +21,6 @@ DELAY: Final = 2
 """Periods: one until the command leaves in the next cycle's exchange, one at most until the drive's loop takes it."""
 
 _DIGITS: Final = 6
-_MODEL: Final = re.compile(r"^model:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n)*)", re.MULTILINE)
-_PARAMETERS: Final = re.compile(r"^  parameters:.*\n(?:    .*\n)*", re.MULTILINE)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     file = load_robot(options.robot)
     found = designed(file, options.delay)
     if options.out is not None:
-        changed = with_parameters(text, {**file.model.parameters, **rounded(found.gains)})
+        changed = with_parameters(text, "model", {**file.model.parameters, **rounded(found.gains)})
         try:
             options.out.write_text(changed, encoding="utf-8")
         except OSError as error:
@@ -74,25 +71,6 @@ def designed(file: RobotFile, delay: int = DELAY) -> Design:
 def rounded(gains: Mapping[str, float]) -> dict[str, float]:
     """The gains as a robot file has them."""
     return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
-
-
-def with_parameters(text: str, parameters: Mapping[str, float]) -> str:
-    """The text of a robot file with other parameters of its model; everything else stays as it is.
-
-    Raises:
-        ConfigurationError: The file is not laid out as the packaged ones are.
-    """
-    section = _MODEL.search(text)
-    if section is None:
-        raise ConfigurationError("the robot file has no block `model:` to put gains into; lay it out as segway.yaml is")
-    lines = "".join(f"    {name}: {value!r}\n" for name, value in parameters.items())
-    block = f"  parameters:\n{lines}"
-    body, count = _PARAMETERS.subn(lambda _: block, section.group(2))
-    body = body if count else body + block
-    changed = text[: section.start(2)] + body + text[section.end(2) :]
-    if decode_yaml(changed, RobotFile, "the robot file with gains").model.parameters != dict(parameters):
-        raise ConfigurationError("gains cannot be put into this robot file; lay its `model:` out as segway.yaml's is")
-    return changed
 
 
 def segway_parameters(file: RobotFile) -> SegwayParameters:

@@ -8,14 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from segway_ecc.hil.design.robot_text import with_parameters
 from segway_ecc.hil.identify.advice import Advice, advise
 from segway_ecc.hil.identify.identify import Identified, identify
-from segway_ecc.hil.identify.robot_text import with_plant, with_ranges, with_safety
+from segway_ecc.hil.identify.robot_text import with_ranges, with_safety
 from segway_ecc.hil.identify.windows import read_run
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters, with_parameters
+from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.config import RobotFile, read_text
 from segway_ecc.node.documents import decode_yaml
@@ -105,21 +106,25 @@ def rewritten(text: str, file: RobotFile, found: Identified) -> tuple[str, list[
     Raises:
         ConfigurationError: The file is not laid out as the packaged ones are.
     """
-    parts = {e.name: float(f"{e.value:.{_DIGITS}g}") for e in found.estimates if e.is_parameter}
-    simulation = file.simulation
-    roll = {"BodyRollInertia": float(f"{_roll_inertia(segway_parameters(file), parts):.{_DIGITS}g}")}
-    changed = with_plant(text, {**({} if simulation is None else simulation.parameters), **parts, **roll})
-    own = {variable.name for variable in load_model(file.model.source, file.model.parameters).parameters}
+    before, model = segway_parameters(file), load_model(file.model.source, file.model.parameters)
+    parts = {e.name: _as_written(e.value) for e in found.estimates if e.is_parameter}
+    plant = {} if file.simulation is None else file.simulation.parameters
+    roll = {"BodyRollInertia": _as_written(_roll_inertia(before, parts))}
+    changed = with_parameters(text, "simulation", {**plant, **parts, **roll})
+    own = {variable.name for variable in model.parameters}
     follows = {name: value for name, value in parts.items() if name in own}
     if "TorqueLimit" in own:
-        limit = load_model(file.model.source, file.model.parameters).read("TorqueLimit")
-        follows["TorqueLimit"] = float(f"{limit * min(1.0, _grip(parts, segway_parameters(file))):.{_DIGITS}g}")
+        follows["TorqueLimit"] = _as_written(model.read("TorqueLimit") * min(1.0, _grip(parts, before)))
     changed, moved = with_ranges(changed, file, follows)
     changed = with_safety(changed, segway_parameters(decode_yaml(changed, RobotFile, "the robot file with its plant")))
-    changed = with_parameters(changed, {**file.model.parameters, **follows})
+    changed = with_parameters(changed, "model", {**file.model.parameters, **follows})
     gains = designed(decode_yaml(changed, RobotFile, "the robot file with what was identified")).gains
-    changed = with_parameters(changed, {**file.model.parameters, **follows, **rounded(gains)})
+    changed = with_parameters(changed, "model", {**file.model.parameters, **follows, **rounded(gains)})
     return changed, [f"moved model.ranges: {text}; see that it is what you want" for text in moved]
+
+
+def _as_written(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
 
 
 def _grip(parts: Mapping[str, float], p: SegwayParameters) -> float:

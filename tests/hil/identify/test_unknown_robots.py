@@ -14,10 +14,11 @@ import pytest
 from msgspec import structs
 
 from segway_ecc.hil.design.balance import Balance
+from segway_ecc.hil.design.robot_text import with_parameters
 from segway_ecc.hil.identify.identify import Identified, identify
-from segway_ecc.hil.identify.robot_text import with_plant, with_ranges, with_safety
+from segway_ecc.hil.identify.robot_text import with_ranges, with_safety
 from segway_ecc.hil.identify.windows import Run, run_of
-from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters, with_parameters
+from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters
 from segway_ecc.hil.verbs.design_identify import is_by_voltage, rewritten
 from segway_ecc.node.config import RobotFile, load_robot, read_text
 from segway_ecc.node.cycle.interfaces import CycleRecord
@@ -100,7 +101,7 @@ def found_of(robot: str, seed: int) -> tuple[Identified, RobotFile]:
 def _designed_for(robot: str, true: Mapping[str, float]) -> RobotFile:
     """The file of a robot that is known exactly."""
     file = load_robot(robot)
-    text = with_plant(read_text(robot), true)
+    text = with_parameters(read_text(robot), "simulation", true)
     text = with_safety(text, segway_parameters(decode_yaml(text, RobotFile, "the robot file")))
     names = {"WheelRadius", "Track", "ImuHeight", "MotorConstant"} & true.keys()
     grip = (true["BodyMass"] + 0.3652) * true["WheelRadius"] / ((PUBLISHED.body_mass + 0.3652) * PUBLISHED.wheel_radius)
@@ -109,7 +110,7 @@ def _designed_for(robot: str, true: Mapping[str, float]) -> RobotFile:
     known = decode_yaml(text, RobotFile, "the robot file")
     gains = rounded(designed(known).gains)
     return decode_yaml(
-        with_parameters(text, {**file.model.parameters, **follows, **gains}), RobotFile, "the robot file"
+        with_parameters(text, "model", {**file.model.parameters, **follows, **gains}), RobotFile, "the robot file"
     )
 
 

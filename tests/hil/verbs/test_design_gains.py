@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.verbs.design_gains import designed, rounded, with_parameters
+from segway_ecc.hil.verbs.design_gains import designed, rounded
 from segway_ecc.node.config import load_robot, read_text
-from segway_ecc.node.errors import ConfigurationError
 
 Run = Callable[..., Any]
 ROBOTS = ["segway", "segway-odrive"]
@@ -49,29 +48,6 @@ def test_out_writes_the_robot_file_with_new_gains_and_the_rest_untouched(segway_
     assert set(changed) <= set(load_robot("segway").model.parameters)
     assert load_robot(str(out)).model.parameters["SentGain"] == 0.0
     assert after[0].startswith("# A segway")
-
-
-def test_the_packaged_file_written_anew_is_itself() -> None:
-    text = read_text("segway")
-    assert with_parameters(text, load_robot("segway").model.parameters) == text
-
-
-def test_other_parameters_and_comments_stay() -> None:
-    text = "name: x\nmodel: # mine\n  source: a:B\n\n# hardware\nwiring: {}\n"
-    changed = with_parameters(text, {"MaxSpeed": 1.0})
-    assert "model: # mine\n  source: a:B\n" in changed
-    assert "# hardware\nwiring: {}\n" in changed
-    assert with_parameters(changed, {"MaxSpeed": 2.0}) == changed.replace("1.0", "2.0")
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["name: x\nmodel: {source: 'a:B'}\nwiring: {}\n", "name: x\nmodel:\n    source: a:B\nwiring: {}\n"],
-    ids=["flow", "deeper"],
-)
-def test_a_file_laid_out_otherwise_is_refused(text: str) -> None:
-    with pytest.raises(ConfigurationError):
-        with_parameters(text, {"MaxSpeed": 1.0})
 
 
 @pytest.mark.parametrize(
