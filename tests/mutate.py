@@ -34,6 +34,7 @@ ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
 TESTED_BY: Final = {
     "node/safety/check": ["check", "monitor"],
     "node/safety/pre_arm": ["pre_arm", "monitor"],
+    "node/safety/posture": ["posture", "monitor"],
     "node/safety/modes": ["modes", "modes_machine", "modes_station"],
     "node/safety/plausibility": ["plausibility", "plausibility_following"],
     "firmware_io/drives/stopper": ["stoppers", "watch"],

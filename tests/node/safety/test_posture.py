@@ -45,6 +45,10 @@ def fallen() -> PostureWatch:
     return watch
 
 
+def test_the_postures_have_the_names_that_are_published() -> None:
+    assert list(Posture) == ["RESTING", "STANDING UP", "BALANCING", "SITTING DOWN", "FALLEN"]
+
+
 def test_a_robot_that_is_not_active_rests_whatever_is_asked() -> None:
     watch = PostureWatch(SETTINGS, STEP)
     assert watch.look(UPRIGHT, active=False, wants_up=True) is None
@@ -104,6 +108,14 @@ def test_it_sits_down_when_asked_and_rests_when_it_lies_still() -> None:
     look(watch, LEANING, 20, wants_up=False)
     assert now(watch) is Posture.SITTING_DOWN
     look(watch, LYING, wants_up=False)
+    assert now(watch) is Posture.RESTING
+
+
+def test_it_has_not_sat_down_while_it_is_still_but_no_further_than_up() -> None:
+    watch = sitting()
+    look(watch, Body(0.2, is_still=True), wants_up=False)
+    assert now(watch) is Posture.SITTING_DOWN
+    look(watch, Body(0.21, is_still=True), wants_up=False)
     assert now(watch) is Posture.RESTING
 
 

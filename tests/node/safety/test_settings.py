@@ -13,7 +13,11 @@ from segway_ecc.node.safety.settings import (
     FollowingErrorSettings,
     GravitySettings,
     LateCyclesLimit,
+    MotorSettings,
     OscillationLimit,
+    PostureSettings,
+    ResidualSettings,
+    RunawaySettings,
     SafetySettings,
     StationSettings,
     SupplyWindow,
@@ -43,6 +47,33 @@ safety:
   checklist:
     {rate_tolerance: 0.1, still_rate: 0.2, still_acceleration: 1.0, still_s: 1.0, tilt_rad: 0.1, wheel_velocity: 1.0}
 """
+
+# The least that each part is given.
+PARTS: dict[type[msgspec.Struct], dict[str, float]] = {
+    YawConsistency: {"track": 1.0, "wheel_radius": 1.0, "tolerance_rad_s": 1.0},
+    VelocityConsistency: {"tolerance_rad_s": 1.0},
+    FollowingErrorSettings: {"track": 1.0, "wheel_radius": 1.0, "linear_window": 1.0},
+    SupplyWindow: {"min_v": 1.0, "max_v": 2.0},
+    LateCyclesLimit: {},
+    RunawaySettings: {"wheel_radius": 1.0, "distance_m": 1.0},
+    GravitySettings: {"wheel_radius": 1.0, "imu_height": 1.0, "velocity_m_s": 1.0, "gyro_rad_s": 1.0},
+    MotorSettings: {"resistance": 1.0, "constant": 1.0},
+    ResidualSettings: {
+        "wheel_radius": 1.0,
+        "imu_height": 1.0,
+        "mass": 1.0,
+        "moment": 1.0,
+        "payload_kg": 1.0,
+        "slope_rad": 1.0,
+        "friction_n_m": 1.0,
+        "radius_share": 1.0,
+    },
+    PostureSettings: {"down_rad": 1.0},
+    OscillationLimit: {"amplitude": 1.0, "in_window": 2},
+    ChecklistSettings: {},
+    SafetySettings: {},
+    StationSettings: {},
+}
 
 
 def decode(text: str) -> SafetySettings | None:
@@ -100,6 +131,28 @@ def test_what_the_parts_leave_out_has_its_default() -> None:
     )
     assert OscillationLimit(amplitude=1.0, in_window=3).window_s == 0.2
     assert GravitySettings(wheel_radius=1.0, imu_height=1.0, velocity_m_s=1.0, gyro_rad_s=1.0).settle_s == 0.4
+    assert RunawaySettings(wheel_radius=1.0, distance_m=1.0) == RunawaySettings(
+        wheel_radius=1.0, linear_window=0.3, distance_m=1.0, settle_s=1.5
+    )
+    assert PostureSettings(down_rad=0.4) == PostureSettings(
+        stand="stand", up_rad=0.2, down_rad=0.4, fall_s=0.5, stand_up_s=5.0, sit_down_s=5.0
+    )
+    assert msgspec.convert(PARTS[ResidualSettings], ResidualSettings) == ResidualSettings(
+        wheel_radius=1.0,
+        imu_height=1.0,
+        mass=1.0,
+        moment=1.0,
+        payload_kg=1.0,
+        slope_rad=1.0,
+        friction_n_m=1.0,
+        radius_share=1.0,
+        coulomb_friction=0.0,
+        viscous_friction=0.0,
+        motor=None,
+        delay_s=0.01,
+        payload_height=None,
+        for_s=1.0,
+    )
     assert LateCyclesLimit() == LateCyclesLimit(in_a_row=5, in_window=None, window_s=1.0)
     assert ChecklistSettings() == ChecklistSettings(
         rate_tolerance=0.05, still_rate=0.1, still_acceleration=0.5, still_s=0.5, tilt_rad=0.2, wheel_velocity=0.5
@@ -109,6 +162,9 @@ def test_what_the_parts_leave_out_has_its_default() -> None:
 GIVE_WINDOW = "give linear_window (m/s), angular_window (rad/s) or both at safety.following_error"
 GRAVITY = "gravity: {wheel_radius: 0.1, velocity_m_s: 1.0, gyro_rad_s: 0.1, "
 REFUSED = {
+    "posture: {up_rad: 0.3, down_rad: 0.3}": "up_rad 0.3 is not below down_rad 0.3 at safety.posture",
+    "posture: {up_rad: 0.5, down_rad: 0.4}": "up_rad 0.5 is not below down_rad 0.4 at safety.posture",
+    "posture: {}": "down_rad",
     GRAVITY + "imu_height: 3.1}": "safety.gravity.imu_height",
     GRAVITY + "imu_height: -3.1}": "safety.gravity.imu_height",
     GRAVITY + "imu_height: 0.5, settle_s: 0.09}": "safety.gravity.settle_s",
@@ -149,6 +205,7 @@ def test_what_makes_no_sense_is_refused_with_its_place(key: str) -> None:
 
 
 TAKEN = [
+    "posture: {up_rad: 0.3, down_rad: 0.31}",
     "tilt_limit_rad: 1.5",
     "tilt_rate_limit: 1000000.0",
     "frozen_after_s: 0.01",
@@ -167,20 +224,6 @@ TAKEN = [
 @pytest.mark.parametrize("key", TAKEN)
 def test_the_ends_of_what_makes_sense_are_taken(key: str) -> None:
     assert decode(f"safety: {{{key}}}") is not None
-
-
-# The least that each part is given.
-PARTS: dict[type[msgspec.Struct], dict[str, float]] = {
-    YawConsistency: {"track": 1.0, "wheel_radius": 1.0, "tolerance_rad_s": 1.0},
-    VelocityConsistency: {"tolerance_rad_s": 1.0},
-    FollowingErrorSettings: {"track": 1.0, "wheel_radius": 1.0, "linear_window": 1.0},
-    SupplyWindow: {"min_v": 1.0, "max_v": 2.0},
-    LateCyclesLimit: {},
-    OscillationLimit: {"amplitude": 1.0, "in_window": 2},
-    ChecklistSettings: {},
-    SafetySettings: {},
-    StationSettings: {},
-}
 
 
 @pytest.mark.parametrize("part", PARTS)
