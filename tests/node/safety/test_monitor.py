@@ -15,6 +15,7 @@ from segway_ecc.node.safety.settings import (
     FollowingErrorSettings,
     GravitySettings,
     LateCyclesLimit,
+    PostureSettings,
     SafetySettings,
     SupplyWindow,
     VelocityConsistency,
@@ -385,6 +386,15 @@ def test_a_robot_that_lies_still_on_its_front_is_still() -> None:
     for _ in range(102):
         rig.run()
     assert rig.check()["imu_still"] == "ok: still for 0.51 s of 0.5 s"
+
+
+def test_a_body_is_still_once_nothing_has_moved_for_0_3_s() -> None:
+    rig = Rig(SafetySettings(posture=PostureSettings(down_rad=0.4)))
+    was_still = []
+    for _ in range(60):
+        rig.run()
+        was_still.append(rig.monitor.body.is_still)
+    assert was_still == [False] * 59 + [True]
 
 
 def test_a_gyro_alone_is_no_imu() -> None:
