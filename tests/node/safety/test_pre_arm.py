@@ -7,8 +7,10 @@ from msgspec.structs import replace
 from segway_ecc.node.safety.pre_arm import (
     PreArmCheck,
     PreArmMeasurements,
+    commissioned_check,
     drives_check,
     failed_checks,
+    model_check,
     pre_arm_checks,
 )
 from segway_ecc.node.safety.settings import ChecklistSettings, SupplyWindow
@@ -162,3 +164,21 @@ def test_drives_keep_the_robot_from_arming_with_every_reason_of_theirs() -> None
     item = drives_check(("left: no supply; switch it on", "right: too hot; wait"))
     assert failed_checks([item]) == ["drives: left: no supply; switch it on; right: too hot; wait"]
     assert str(item) == "refused: left: no supply; switch it on; right: too hot; wait"
+
+
+def test_a_robot_that_is_not_commissioned_does_not_arm_and_has_the_remedy() -> None:
+    item = commissioned_check("its report is of another file")
+    remedy = "run segway-ecc design commission"
+    assert failed_checks([item]) == [f"commissioned: its report is of another file; {remedy}"]
+
+
+def test_a_model_that_asks_for_what_no_robot_can_do_keeps_it_from_arming() -> None:
+    item = model_check("'left' is 99 N m")
+    assert failed_checks([item]) == ["model: 'left' is 99 N m; see its parameters and what it is wired to"]
+
+
+@pytest.mark.parametrize("value", [GOOD, drives_check(())])
+def test_what_was_measured_and_found_stays_as_it_is(value: PreArmMeasurements | PreArmCheck) -> None:
+    for name in value.__struct_fields__:
+        with pytest.raises(AttributeError):
+            setattr(value, name, getattr(value, name))
