@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
+from segway_ecc.hil.design.robot_text import rounded
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters
@@ -21,8 +22,8 @@ def with_safety(text: str, p: SegwayParameters) -> str:
     if section is None:
         return text
     body = section.group(2)
-    for key, value in _known_to_safety(p).items():
-        number = f"{float(f'{value:.6g}')!r}"
+    for key, value in rounded(_known_to_safety(p)).items():
+        number = repr(value)
         body = re.sub(rf"\b{key}: *[-+.\deE]+", f"{key}: {number}", body)
         body = re.sub(rf"^( *{key}: {re.escape(number)}) *#.*$", r"\1", body, flags=re.MULTILINE)
     return text[: section.start(2)] + body + text[section.end(2) :]

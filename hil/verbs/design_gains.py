@@ -4,11 +4,10 @@
 import argparse
 import math
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from segway_ecc.hil.design.robot_text import with_parameters
+from segway_ecc.hil.design.robot_text import DIGITS, rounded, with_parameters
 from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_json, print_found
@@ -19,8 +18,6 @@ from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
 
 DELAY: Final = 2
 """Periods: one until the command leaves in the next cycle's exchange, one at most until the drive's loop takes it."""
-
-_DIGITS: Final = 6
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,11 +65,6 @@ def designed(file: RobotFile, delay: int = DELAY) -> Design:
     return found
 
 
-def rounded(gains: Mapping[str, float]) -> dict[str, float]:
-    """The gains as a robot file has them."""
-    return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
-
-
 def segway_parameters(file: RobotFile) -> SegwayParameters:
     """What the plant of a robot file is made of.
 
@@ -101,7 +93,7 @@ def _loop_as_json(loop: Loop) -> dict[str, Any]:
 
 
 def _as_text(found: Design) -> dict[str, str]:
-    rows = {name: f"{value:.{_DIGITS}g}" for name, value in found.gains.items()}
+    rows = {name: f"{value:.{DIGITS}g}" for name, value in found.gains.items()}
     for name, loop in (("balance", found.balance), ("yaw", found.yaw)):
         m = loop.margins
         rows[f"{name}: open-loop poles, rad/s"] = ", ".join(map(_pole, loop.open_poles))

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from segway_ecc.hil.design.robot_text import with_parameters
+from segway_ecc.hil.design.robot_text import rounded, with_parameters
 from segway_ecc.hil.identify.advice import Advice, advise
 from segway_ecc.hil.identify.identify import Identified, identify
 from segway_ecc.hil.identify.robot_text import with_ranges, with_safety
@@ -16,7 +16,7 @@ from segway_ecc.hil.identify.windows import read_run
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters
+from segway_ecc.hil.verbs.design_gains import designed, segway_parameters
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.config import RobotFile, read_text
 from segway_ecc.node.documents import decode_yaml
@@ -26,7 +26,6 @@ from segway_ecc.node.models.segway_parameters import SegwayParameters
 from segway_ecc.node.recording.layout import ROBOT_TEXT
 from segway_ecc.node.recording.salvage import Salvage
 
-_DIGITS: Final = 6
 _ROUNDED: Final = 0.9999
 
 
@@ -107,24 +106,20 @@ def rewritten(text: str, file: RobotFile, found: Identified) -> tuple[str, list[
         ConfigurationError: The file is not laid out as the packaged ones are.
     """
     before, model = segway_parameters(file), load_model(file.model.source, file.model.parameters)
-    parts = {e.name: _as_written(e.value) for e in found.estimates if e.is_parameter}
+    parts = rounded({e.name: e.value for e in found.estimates if e.is_parameter})
     plant = {} if file.simulation is None else file.simulation.parameters
-    roll = {"BodyRollInertia": _as_written(_roll_inertia(before, parts))}
+    roll = rounded({"BodyRollInertia": _roll_inertia(before, parts)})
     changed = with_parameters(text, "simulation", {**plant, **parts, **roll})
     own = {variable.name for variable in model.parameters}
     follows = {name: value for name, value in parts.items() if name in own}
     if "TorqueLimit" in own:
-        follows["TorqueLimit"] = _as_written(model.read("TorqueLimit") * min(1.0, _grip(parts, before)))
+        follows |= rounded({"TorqueLimit": model.read("TorqueLimit") * min(1.0, _grip(parts, before))})
     changed, moved = with_ranges(changed, file, follows)
     changed = with_safety(changed, segway_parameters(decode_yaml(changed, RobotFile, "the robot file with its plant")))
     changed = with_parameters(changed, "model", {**file.model.parameters, **follows})
     gains = designed(decode_yaml(changed, RobotFile, "the robot file with what was identified")).gains
     changed = with_parameters(changed, "model", {**file.model.parameters, **follows, **rounded(gains)})
     return changed, [f"moved model.ranges: {text}; see that it is what you want" for text in moved]
-
-
-def _as_written(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
 
 
 def _grip(parts: Mapping[str, float], p: SegwayParameters) -> float:

@@ -14,11 +14,11 @@ import pytest
 from msgspec import structs
 
 from segway_ecc.hil.design.balance import Balance
-from segway_ecc.hil.design.robot_text import with_parameters
+from segway_ecc.hil.design.robot_text import rounded, with_parameters
 from segway_ecc.hil.identify.identify import Identified, identify
 from segway_ecc.hil.identify.robot_text import with_ranges, with_safety
 from segway_ecc.hil.identify.windows import Run, run_of
-from segway_ecc.hil.verbs.design_gains import designed, rounded, segway_parameters
+from segway_ecc.hil.verbs.design_gains import designed, segway_parameters
 from segway_ecc.hil.verbs.design_identify import is_by_voltage, rewritten
 from segway_ecc.node.config import RobotFile, load_robot, read_text
 from segway_ecc.node.cycle.interfaces import CycleRecord

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.verbs.design_gains import designed, rounded
+from segway_ecc.hil.design.robot_text import rounded
+from segway_ecc.hil.verbs.design_gains import designed
 from segway_ecc.node.config import load_robot, read_text
 
 Run = Callable[..., Any]
