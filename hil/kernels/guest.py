@@ -38,27 +38,29 @@ class Console:
     That is kept in `output`, in pieces of at most a line.
     """
 
-    def __init__(self, token: str, on_output: Callable[[str], None] | None) -> None:
+    def __init__(self, token: str, on_output: Callable[[str], None] | None, clock: Callable[[], float]) -> None:
         self.output: list[str] = []
         self._tail: deque[str] = deque(maxlen=_LINES_IN_ERROR)
         self._begin, self._end = f"{token} begin", f"{token} end"
         self._on_output = on_output
+        self._clock = clock
         self._in_command = False
         self._partial = ""
         self._panicked_s: float | None = None
 
-    def follow(self, stream: IO[bytes] | None, deadline: float) -> bool:
-        """Read the console until the guest has ended, True, or `time.monotonic()` passes the deadline, False.
+    def follow(self, stream: IO[bytes] | None, timeout_s: float) -> bool:
+        """Read the console until the guest has ended, True, or for so long, False.
 
         It has ended when it closes the console, and some seconds after its kernel panicked: stopping its other
         processors, such a kernel can come to wait for a lock that one of them held, and never end.
         """
         decoder = codecs.getincrementaldecoder("utf-8")("replace")
         closed = stream is None
+        deadline = self._clock() + timeout_s
         with selectors.DefaultSelector() as selector:
             if stream is not None:
                 selector.register(stream, selectors.EVENT_READ)
-            while not closed and (left := deadline - time.monotonic()) > 0:
+            while not closed and (left := deadline - self._clock()) > 0:
                 for key, _ in selector.select(left):
                     chunk = os.read(key.fd, 65536)
                     *lines, self._partial = (self._partial + decoder.decode(chunk)).split("\n")
@@ -81,7 +83,7 @@ class Console:
             self._in_command = True
             return
         if self._panicked_s is None and _PANIC.search(line):
-            self._panicked_s = time.monotonic()
+            self._panicked_s = self._clock()
         # The mark follows the end of the command's output on the same line where they did not end with a newline.
         text, mark, _ = line.partition(self._end)
         if text.strip():
@@ -118,6 +120,7 @@ class GuestOptions(TypedDict, total=False):
         timeout_s: Everything, boot included, is killed after this long; by default 300 s.
         on_output: Called with each line of the command's output as it comes.
         results: A host folder, made if missing, that the guest can write, at the same path.
+        clock: What `timeout_s` is measured with; seconds, monotonic; by default the host's.
     """
 
     cwd: Required[Path]
@@ -126,6 +129,7 @@ class GuestOptions(TypedDict, total=False):
     timeout_s: float
     on_output: Callable[[str], None]
     results: Path | None
+    clock: Callable[[], float]
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,8 @@ def prepared_task(command: Sequence[str], settings: Mapping[str, str], options: 
         (scratch / "guest.sh").write_text(script("guest.sh"), encoding="utf-8")
         text = f"cd {shlex.quote(str(options['cwd'].resolve()))} || exit 126\nexec {words}\n"
         (scratch / "command.sh").write_text(text, encoding="utf-8")
-        yield GuestTask(scratch, results, Console(token, options.get("on_output")), options.get("timeout_s", 300.0))
+        console = Console(token, options.get("on_output"), options.get("clock", time.monotonic))
+        yield GuestTask(scratch, results, console, options.get("timeout_s", 300.0))
 
 
 def script(name: str) -> str:
@@ -216,7 +221,7 @@ def run_task(task: GuestTask, kernel: Sequence[str], variables: Mapping[str, str
         start_new_session=True,
     ) as process:
         try:
-            finished = task.console.follow(process.stdout, time.monotonic() + task.timeout_s)
+            finished = task.console.follow(process.stdout, task.timeout_s)
         finally:
             # Each process of the guest is one of the host's. Asked to end, the guest's kernel ends and reaps its own;
             # killed, it would leave orphans to the host.

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import itertools
 import os
 import time
 from collections.abc import Iterator
@@ -8,8 +9,7 @@ import pytest
 
 from segway_ecc.hil.kernels import guest
 from segway_ecc.hil.kernels.guest import Console
-
-FAR_S = 60.0
+from tests.patience import PATIENCE_S
 
 
 class Pipe:
@@ -31,20 +31,21 @@ def pipe() -> Iterator[Pipe]:
 
 def test_a_kernel_that_panicked_is_not_waited_for(pipe: Pipe, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guest, "_PANIC_TAKES_S", 0.1)
-    screen = Console("token", None)
+    screen = Console("token", None, time.monotonic)
     pipe.guest.write(b"token begin\r\nhalf a line[    4.126962] Kernel panic - not syncing: why\r\n and where\r\n")
 
-    assert screen.follow(pipe.host, time.monotonic() + FAR_S)
+    assert screen.follow(pipe.host, PATIENCE_S)
     assert screen.last_lines().endswith("Kernel panic - not syncing: why\n   and where")
 
 
 def test_a_command_that_speaks_of_panic_is_waited_for(pipe: Pipe) -> None:
-    screen = Console("token", None)
+    seconds = itertools.count()
+    screen = Console("token", None, lambda: 0.05 * next(seconds))
     pipe.guest.write(b"token begin\r\nKernel panic - not syncing\r\n")
 
-    assert not screen.follow(pipe.host, time.monotonic() + 0.05)
+    assert not screen.follow(pipe.host, 0.1)
     assert screen.output == ["Kernel panic - not syncing\n"]
 
 
 def test_a_silent_guest_runs_out_of_time(pipe: Pipe) -> None:
-    assert not Console("token", None).follow(pipe.host, time.monotonic() + 0.05)
+    assert not Console("token", None, time.monotonic).follow(pipe.host, 0.05)
