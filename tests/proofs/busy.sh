@@ -25,7 +25,7 @@ fail() {
 [[ $test_runs =~ ^[0-9]+$ ]] || fail "TEST_RUNS is a number, 0 or more, not '$test_runs'"
 command -v "${tool[0]}" > /dev/null || fail "no ${tool[0]}: run deploy/setup.sh .venv, or name another in SEGWAY_ECC"
 command -v stress-ng > /dev/null || fail "no stress-ng: sudo apt-get install stress-ng"
-for needed in setpriv chrt taskset python3; do
+for needed in setpriv setsid chrt taskset python3; do
     command -v "$needed" > /dev/null || fail "no $needed: sudo apt-get install util-linux python3"
 done
 
@@ -159,7 +159,9 @@ tests_under() {
     local name=$1 succeeded=0 number begun status log
     for ((number = 1; number <= test_runs; number++)); do
         log=$work/tests_$number.log begun=$SECONDS status=0
-        (cd "$tree" && "${user[@]}" env "${tests[@]}") > "$log" 2>&1 < /dev/null || status=$?
+        # In a session of its own, as in a terminal: kernels that share the processors by session give the load as much.
+        (cd "$tree" && "${user[@]}" setsid --wait setpriv --pdeathsig TERM env "${tests[@]}") > "$log" 2>&1 < /dev/null ||
+            status=$?
         outcome=ok
         if ((status == 0)); then
             succeeded=$((succeeded + 1))
