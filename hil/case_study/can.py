@@ -41,7 +41,8 @@ IN_REAL_TIME: Final = "can in real time"
 """The name of its one run in real time, in messages."""
 _REAL_TIME_RUN: Final = (1.0, 0.5, 5.0)
 """m/s, rad/s, s."""
-_MARGIN_S: Final = 60.0
+_MARGIN_S: Final = 30.0
+"""In which a robot is armed; and in which it starts and ends."""
 _TRUTH: Final = ("truth.x", "truth.y", "truth.heading", "truth.linear_velocity", "truth.angular_velocity")
 _POINT_NS: Final = 10_000_000
 
@@ -96,7 +97,7 @@ class RealTimeCanSeat:
         return SeatRun(found)
 
     def _is_spoiled(self, error: RigError, manoeuvre: Manoeuvre) -> bool:
-        """Whether the robot gave up, as it does where drives or deadlines are late, and does not in lock step."""
+        """Whether the robot gave up or never armed, as where drives or deadlines are late, and not so in lock step."""
         if not isinstance(error, ProcessFailedError) or error.ended_with != RobotLostError.exit_code:
             return False
         try:
@@ -118,13 +119,16 @@ class RealTimeCanSeat:
         plant = ["plant", self._robot, "--channel", plant_channel, "--truth", str(truth)]
         node = ["run", self._robot, "--channel", robot_channel, "--no-ros", "--sequence", str(file), "--json"]
         node += ["--log", str(self._logs / f"can_{name}.mcap")]
+        # A robot that the machine is too busy to arm ends by itself, and reports that.
+        length_s = manoeuvre.duration_ns * 1e-9 + _MARGIN_S
+        node += ["--duration", f"{length_s:g}"]
         with (
             command(plant, self._folder / f"can_{name}.plant.txt") as simulated,
             command(node, self._folder / f"can_{name}.node.txt") as controller,
         ):
             seen.watch(simulated.process.pid, controller.process.pid)
             try:
-                played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S, simulated)
+                played = controller.result(length_s + _MARGIN_S, simulated)
             except ProcessFailedError as error:
                 if simulated.process.poll() is not None:
                     simulated.result(_MARGIN_S)  # then it is the plant that failed

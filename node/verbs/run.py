@@ -103,11 +103,28 @@ def run(options: argparse.Namespace) -> int:
                 raise
         _logger.info("stopped: %s", loop.stop_reason)
     _report(options, loop, stage)
-    if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
-        if loop.modes.mode in ACTIVE:
-            raise SequenceError(str(stage.over))
-        raise RobotLostError(f"the robot went to {loop.modes.mode}: {loop.modes.reason}")
+    if isinstance(stage, ManoeuvreStage):
+        _check_played(stage, loop, cycles)
     return 0
+
+
+def _check_played(stage: ManoeuvreStage, loop: Loop, cycles: int | None) -> None:
+    """Fail where the sequence was broken off, or was not over when the duration was.
+
+    Raises:
+        SequenceError: It was refused, or the duration is too short.
+        RobotLostError: The robot left it, or was never armed.
+    """
+    modes = loop.modes
+    if stage.is_broken_off:
+        if modes.mode in ACTIVE:
+            raise SequenceError(str(stage.over))
+        raise RobotLostError(f"the robot went to {modes.mode}: {modes.reason}")
+    if cycles is None or loop.counters.cycles < cycles or stage.player.has_reached_end:
+        return
+    if modes.mode not in ACTIVE:
+        raise RobotLostError(f"the sequence never began: {modes.mode}: {loop.arming_refusal or modes.reason}")
+    raise SequenceError("the sequence was not over when --duration was: allow more time")
 
 
 def _bridge(stack: contextlib.ExitStack, options: argparse.Namespace) -> "RosBridge | None":

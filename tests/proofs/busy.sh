@@ -110,7 +110,7 @@ run() {
         > "$out.json" 2> "$out.errors" < /dev/null || status=$?
     seconds=$((SECONDS - begun))
     if ((status != 0)); then
-        outcome="FAILED with exit code $status: $(tail -n 1 "$out.errors")"
+        outcome="FAILED with exit code $status: $(grep ', try [0-9]* of ' "$out.errors" || true; tail -n 1 "$out.errors")"
     elif ! figures=$(cells "$out.json"); then
         outcome="BEYOND A LIMIT: $figures"
     elif [[ $limit != any ]] && ((seconds > limit)); then

@@ -117,6 +117,26 @@ def test_a_robot_that_faults_while_it_plays_a_sequence_is_lost_and_the_run_ends(
     assert outcome.errors[-1].startswith("segway-ecc: the robot went to FAULT: output 'X' of the model is not finite")
 
 
+def test_a_sequence_that_is_not_over_when_the_duration_is_has_failed(segway_ecc: Run, tmp_path: Path) -> None:
+    file = tmp_path / "long.yaml"
+    file.write_text("segments: [{linear: 1.0, duration: 60}]", "utf-8")
+
+    outcome = segway_ecc("run", "cart", *QUIET, "--sequence", str(file), "--duration", "1")
+    assert outcome.code == 13
+    assert outcome.errors[-1] == "segway-ecc: the sequence was not over when --duration was: allow more time"
+
+
+def test_a_sequence_to_a_robot_that_is_never_armed_has_failed(
+    segway_ecc: Run, tmp_path: Path, cart: Callable[[str, str], str]
+) -> None:
+    file, robot = tmp_path / "short.yaml", cart("arming: at_start", "arming: on_request")
+    file.write_text("segments: [{linear: 1.0, duration: 0.1}]", "utf-8")
+
+    outcome = segway_ecc("run", robot, *QUIET, "--sequence", str(file), "--duration", "0.1")
+    assert outcome.code == 7
+    assert outcome.errors[-1] == "segway-ecc: the sequence never began: DISARMED: just started"
+
+
 def test_log_option_sets_the_path_of_a_log_with_the_robot_file(segway_ecc: Run, tmp_path: Path) -> None:
     log = tmp_path / "deep" / "run.mcap"
     outcome = segway_ecc("run", "cart", "--no-ros", *SHORT, "--log", str(log))
