@@ -12,6 +12,7 @@ import pytest
 from tests.deploy.station.page.fake_station import FakeStation
 from tests.deploy.station.page.page_waits import there
 from tests.deploy.station.page.robot_states import armed
+from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, ConsoleMessage, Page
@@ -50,7 +51,7 @@ class Tab:
         self._viewport = options["viewport"]
         self.complaints: list[str] = []
         self._context = browser.new_context(reduced_motion="reduce", **options)
-        self._context.set_default_timeout(20_000)
+        self._context.set_default_timeout(PATIENCE_S * 1e3)
         self.page = self._context.new_page()
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("console", self._listen)
