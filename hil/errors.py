@@ -36,5 +36,11 @@ class SpoiledRunError(RigError):
     """A run failed as it does where the machine stalls, which it did meanwhile; in lock step it does not fail."""
 
 
+class SerialNameError(RigError):
+    """The name of a simulated serial line is taken by something that this program did not make, or cannot be used."""
+
+    exit_code = 2
+
+
 class NoSimulationError(RigError):
     """The robot file names no plant, or has nothing to put one behind."""

@@ -5,6 +5,7 @@ Secrets are kept out of it: by their names, and by what tokens and keys look lik
 """
 
 import contextlib
+import errno
 import hashlib
 import itertools
 import os
@@ -101,11 +102,14 @@ def json_text(value: object) -> str:
 
 
 def write_bundle(path: Path, parts: Parts, about: Mapping[str, str], made: str) -> BundleManifest:
-    """Write a bundle; it is there whole or not at all, and only its owner reads it.
+    """Write a bundle; it is there whole or not at all, and only its owner reads it. Through a link, where it points.
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: The file cannot be written, or there is something other than a file.
     """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        raise FileExistsError(errno.EEXIST, "there is something other than a file", str(path))
     new = path.with_name(f".{path.name}.{os.getpid()}")
     with contextlib.suppress(FileNotFoundError):
         new.unlink()

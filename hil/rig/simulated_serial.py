@@ -1,21 +1,28 @@
 # SPDX-License-Identifier: MIT
 """A serial line in simulated time: each byte arrives when its ten bits have passed; and one in real time.
 
-That is a pseudo-terminal, which the robot opens by a name of our choice.
+That is a pseudo-terminal, which the robot opens by a name of our choice, or a real port that is served.
 """
 
 import contextlib
 import errno
 import fcntl
+import hashlib
 import os
+import socket
+import stat
 import struct
 import termios
 import tty
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.serial_link import Port, open_remedy, open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.hil.errors import SerialNameError
 from segway_ecc.hil.rig.simulated_bus import NowNs
 
 _INT: Final = struct.Struct("i")
@@ -25,6 +32,10 @@ _MOST_QUEUED: Final = 4096
 """Bytes that a port takes ahead of the line, as the driver of a real one does."""
 _MOST_KEPT: Final = 65_536
 """Bytes that wait to be read; a real port loses what comes after as well."""
+_TERMINALS: Final = "/dev/pts/"
+_OWN_TERMINALS: Final = "/dev/pts/../pts/"
+"""The same folder, as only our links spell it: one that was left behind is known by that, also where the terminal that
+it names has gone, or is somebody else's by now."""
 
 
 class SimulatedSerial:
@@ -170,13 +181,23 @@ class PtyPort:
     def __init__(self, path: Path) -> None:
         """Make a pseudo-terminal, raw, with a link to it at `path`.
 
+        A link that a rig left behind when it was killed is replaced; nothing else is.
+
         Raises:
-            FileExistsError: There is something other than a symbolic link at `path`.
+            SerialNameError: There is something else at `path`, or the link of a rig that runs.
+            OSError: The link cannot be made.
         """
         self.path = path
         self._ours: int | None = None
         self._robots: int | None = None
-        self.plug()
+        self._claim = _claim(path)
+        try:
+            if _is_own(path):
+                path.unlink()
+            self.plug()
+        except BaseException:
+            self._claim.close()
+            raise
 
     @property
     def in_waiting(self) -> int:
@@ -205,13 +226,16 @@ class PtyPort:
         ours, robots = os.openpty()
         os.set_blocking(ours, False)
         tty.setraw(robots)
-        if self.path.is_symlink():
-            self.path.unlink()
         try:
-            self.path.symlink_to(os.ttyname(robots))
-        except OSError:
+            self.path.symlink_to(_link_text(robots))
+        except OSError as error:
             os.close(robots)
             os.close(ours)
+            if isinstance(error, FileExistsError):
+                raise SerialNameError(
+                    f"cannot make a serial line at {self.path}: it exists and is not a link that a plant made; "
+                    "name another path, or remove it yourself"
+                ) from error
             raise
         self._ours, self._robots = ours, robots
 
@@ -220,8 +244,8 @@ class PtyPort:
         if self._ours is None or self._robots is None:
             return
         with contextlib.suppress(OSError):
-            # Another rig may have taken the name over.
-            if str(self.path.readlink()) == os.ttyname(self._robots):
+            # Somebody may have put something else there.
+            if str(self.path.readlink()) == _link_text(self._robots):
                 self.path.unlink()
         os.close(self._robots)
         os.close(self._ours)
@@ -230,3 +254,98 @@ class PtyPort:
     def close(self) -> None:
         """Remove the pseudo-terminal and the link to it; may be called again."""
         self.unplug()
+        self._claim.close()
+
+
+class ServedPort:
+    """A real serial port with the device's end of it here; see `Port`. The robot is at the other end of its cable."""
+
+    def __init__(self, settings: SerialSettings) -> None:
+        """Open the port at its rate, for this program alone.
+
+        Raises:
+            OSError: It cannot be opened.
+        """
+        self._name = settings.port
+        self._port = open_serial_port(settings)
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have arrived; LinkLostError where the port is gone, as `read` and `write`."""
+        with self._reported_loss():
+            return self._port.in_waiting
+
+    def read(self, size: int, /) -> bytes:
+        """Take up to `size` bytes."""
+        with self._reported_loss():
+            return self._port.read(size)
+
+    def write(self, data: bytes, /) -> int:
+        """Queue bytes; how many there was room for."""
+        with self._reported_loss():
+            return self._port.write(data)
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+    @contextlib.contextmanager
+    def _reported_loss(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise LinkLostError(f"serial port {self._name} is gone: {error}; plug it in, and start again") from error
+
+
+def serve_serial(settings: SerialSettings) -> Port:
+    """The device's end of the serial line that a robot file names.
+
+    A port that is there, or a URL, is opened at its rate: the robot is at the other end of its cable. A path that
+    does not exist becomes a pseudo-terminal, which the robot opens by that path.
+
+    Raises:
+        SerialNameError: The path is something else, another plant's, or cannot be opened or made.
+    """
+    path = Path(settings.port)
+    try:
+        if "://" in settings.port or (_is_terminal(path) and not _is_own(path)):
+            return ServedPort(settings)
+    except OSError as error:
+        raise SerialNameError(
+            f"cannot serve {settings.port}: {error.strerror or error}; {open_remedy(settings, error)}"
+        ) from error
+    try:
+        return PtyPort(path)
+    except OSError as error:
+        raise SerialNameError(f"cannot make a serial line at {path}: {error.strerror}") from error
+
+
+def _is_terminal(path: Path) -> bool:
+    """Whether there is a character device at a path, as a serial port is, or a link to one."""
+    try:
+        return stat.S_ISCHR(path.stat().st_mode)
+    except OSError:
+        return False
+
+
+def _is_own(path: Path) -> bool:
+    return path.is_symlink() and str(path.readlink()).startswith(_OWN_TERMINALS)
+
+
+def _link_text(robots: int) -> str:
+    """What our link to a pseudo-terminal says."""
+    return os.ttyname(robots).replace(_TERMINALS, _OWN_TERMINALS, 1)
+
+
+def _claim(path: Path) -> socket.socket:
+    """Hold a path against other rigs for as long as this process lives: by an abstract socket, as a bus (unix(7))."""
+    place = os.fsencode(path.parent.resolve() / path.name)
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0segway-ecc-serial-{hashlib.sha256(place).hexdigest()[:16]}")
+    except OSError as error:
+        claim.close()
+        raise SerialNameError(
+            f"cannot make a serial line at {path}: another plant serves it; stop that one first"
+        ) from error
+    return claim

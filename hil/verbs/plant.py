@@ -12,8 +12,9 @@ from typing import IO
 
 from segway_ecc.firmware_io.build import can_link, serial_of
 from segway_ecc.firmware_io.clock import RealClock
+from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl, trace_writer
-from segway_ecc.hil.rig.simulated_serial import PtyPort
+from segway_ecc.hil.rig.simulated_serial import serve_serial
 from segway_ecc.hil.rig.simulation import Observer, RealTimePlant, Trace, hardware_of, simulated_robot
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
@@ -74,15 +75,10 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> PtyPort | None:
-    """The drives' end of the serial line, a pseudo-terminal that the robot finds under the name in its file."""
+def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> Port | None:
+    """The drives' end of the serial line that the robot's file names."""
     serial = serial_of(hardware_of(file))
-    if serial is None:
-        return None
-    try:
-        return stack.enter_context(contextlib.closing(PtyPort(Path(serial.port))))
-    except OSError as error:
-        raise ConfigurationError(f"cannot make a serial line at {serial.port}: {error.strerror}") from error
+    return None if serial is None else stack.enter_context(contextlib.closing(serve_serial(serial)))
 
 
 def _open(path: Path) -> IO[str]:

@@ -212,7 +212,7 @@ def output_file(text: str) -> Path:
         try:
             path.open("ab").close()
             if not is_there:
-                path.unlink()
+                path.resolve().unlink()  # of a link whose target was not there, that; the link is the user's
         except OSError as error:
             raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error
     return path

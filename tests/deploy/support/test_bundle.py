@@ -111,3 +111,21 @@ def test_an_older_bundle_of_that_name_is_replaced(tmp_path: Path) -> None:
         _write(tmp_path / "b.zip", _part("a", text))
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         assert archive.read("a.txt") == b"two"
+
+
+def test_link_stays_a_link_and_its_target_is_written(tmp_path: Path) -> None:
+    link = tmp_path / "newest.zip"
+    link.symlink_to("b.zip")
+    _write(link, _part("a", "x"))
+    assert str(link.readlink()) == "b.zip"
+    assert zipfile.is_zipfile(tmp_path / "b.zip")
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
+def test_what_is_no_file_is_not_replaced(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / "b.zip")
+    before = os.lstat(tmp_path / "b.zip")
+    with pytest.raises(FileExistsError, match="there is something other than a file"):
+        _write(tmp_path / "b.zip", _part("a", "x"))
+    assert os.lstat(tmp_path / "b.zip") == before
+    assert len(list(tmp_path.iterdir())) == 1

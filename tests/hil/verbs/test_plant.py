@@ -5,6 +5,7 @@ import csv
 import importlib.resources
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from tests.patience import PATIENCE_S
 
@@ -63,6 +65,19 @@ def test_a_truth_file_that_cannot_be_written_is_reported(segway_ecc: Run, tmp_pa
     assert one_line(outcome) == f"segway-ecc: cannot write {tmp_path}/no/truth.csv: No such file or directory"
 
 
+def test_link_that_is_not_its_own_is_refused_and_kept(segway_ecc: Run, tmp_path: Path) -> None:
+    link = tmp_path / "usb-FTDI_FT232R_A1B2C3-if00-port0"
+    link.symlink_to("../../ttyUSB0")
+    outcome = segway_ecc("plant", "cart-can", "--serial", str(link))
+
+    assert outcome.code == 2
+    assert one_line(outcome) == (
+        f"segway-ecc: cannot make a serial line at {link}: it exists and is not a link that a plant made; "
+        "name another path, or remove it yourself"
+    )
+    assert str(link.readlink()) == "../../ttyUSB0"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_plant_sends_until_it_is_stopped_and_prints_its_counts(tmp_path: Path, number: signal.Signals) -> None:
     channel, truth = f"plant_{os.getpid()}", tmp_path / "truth.csv"
@@ -93,3 +108,27 @@ def test_a_plant_sends_until_it_is_stopped_and_prints_its_counts(tmp_path: Path,
     carried = header.index("imu.linear_acceleration_z")
     assert {row[carried] for row in rows} == {"9.80665"}
     assert {float(value) for row in rows for value in row[1:carried]} == {0.0}
+
+
+def test_plant_answers_on_a_real_serial_port(tmp_path: Path) -> None:
+    channel, codec = f"plant_serial_{os.getpid()}", BoardSerialCodec()
+    robot, device = os.openpty()
+    link = tmp_path / "usb-FTDI_FT232R_A1B2C3-if00-port0"
+    link.symlink_to(os.ttyname(device))
+    words = ["plant", "cart-can", "--interface", "local", "--channel", channel, "--serial", str(link)]
+    with LocalBus(channel) as bus:
+        command = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as plant:
+            assert bus.recv(PATIENCE_S) is not None  # its port is open by now
+            os.write(robot, codec.request())
+            received: list[int] = []
+            while BOARD_STATUS not in received and select.select([robot], [], [], PATIENCE_S)[0]:
+                received += [frame.arbitration_id for frame in codec.decode(os.read(robot, 4096), 0)]
+            plant.send_signal(signal.SIGINT)
+            plant.communicate(timeout=PATIENCE_S)
+    os.close(device)
+    os.close(robot)
+
+    assert received == [0x120, 0x121, BOARD_STATUS]
+    assert plant.returncode == 0
+    assert link.is_symlink()

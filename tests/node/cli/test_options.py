@@ -52,6 +52,13 @@ def test_a_file_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["old.csv"]
 
 
+def test_link_to_a_file_that_is_not_there_stays(tmp_path: Path) -> None:
+    (tmp_path / "link.csv").symlink_to("new.csv")
+
+    assert output_file(str(tmp_path / "link.csv")) == tmp_path / "link.csv"
+    assert [path.name for path in tmp_path.iterdir()] == ["link.csv"]
+
+
 def test_a_pipe_is_not_opened_before_it_is_written(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
 
