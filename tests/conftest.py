@@ -25,6 +25,12 @@ settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")
 
 
+@pytest.fixture(autouse=True)
+def _end_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter of the kernel would stay with the process of the tests, and all that it starts."""
+    monkeypatch.setattr("segway_ecc.node.watchdog.watchdog.hand_over_exits", lambda _sink: None)
+
+
 def missing_compiler() -> str | None:
     return None if shutil.which("gcc") and shutil.which("g++") else "no gcc or no g++"
 

@@ -19,6 +19,12 @@ _ENDS: Final = (
     ("calls sys.exit(0)", "sys.exit(0)", _FAILED, r"failed in cycle \d+ while running: SystemExit"),
     ("calls os._exit(0)", "os._exit(0)", _FAILED, r"failed in cycle \d+ while running: .*os\._exit"),
     ("calls abort()", "os.abort()", _ABORTED, f"{_CYCLE}aborted"),
+    (
+        "ends the process by the system call exit_group(0)",
+        "ctypes.CDLL(None)._exit(0)",
+        _ABORTED,
+        f"{_CYCLE}it ended the process with status 0",
+    ),
     ("reads from address 0", "ctypes.string_at(0)", _SEGFAULT, f"{_CYCLE}segmentation fault"),
     ("loops for ever", "while True: pass", _ABORTED, f"{_CYCLE}it did not return within"),
 )

@@ -21,6 +21,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.node.cycle.real_time import PRIORITY
+from segway_ecc.node.watchdog.exits import Exits, receive_exits
 from segway_ecc.node.watchdog.output import ModelOutput
 from segway_ecc.node.watchdog.page import NAMES, Call, CallPage, Seen
 
@@ -34,6 +35,8 @@ _OUTPUT_S: Final = 10.0
 _READ_BYTES: Final = 65_536
 _MESSAGES: Final = 2
 _NS_PER_S: Final = 1_000_000_000
+_WAITS: Final = {"S", "Z"}
+"""The states of a thread that waits, and of the first one of a process where that has ended by itself."""
 
 
 class WatchTask(msgspec.Struct, frozen=True):
@@ -73,7 +76,7 @@ class WatchedProcess:
             used_ns = time.clock_gettime_ns(self._clock)
             passed_ns = min(now_ns - self._looked_ns, 2 * pause_ns)  # what we were late by is nobody's fault
             states = self._states()
-            if states == {"S"}:  # it waits for something that does not come from this process
+            if states and states <= _WAITS:  # for something that does not come from this process
                 self._held_ns += passed_ns
             elif states.isdisjoint("Tt") and self._used_ns is not None:
                 self._held_ns += min(used_ns - self._used_ns, passed_ns)
@@ -89,6 +92,10 @@ class WatchedProcess:
             if select.select([self.pidfd], [], [], wait_s)[0]:
                 return
 
+    def has_thread(self, number: int) -> bool:
+        """Whether the thread of this number is one of its own."""
+        return (self._threads / str(number)).exists()
+
     def _states(self) -> set[str]:
         """Those of its threads, as proc(5) has them: it may wait for one of its own, which waits for a processor."""
         found = set()
@@ -99,12 +106,17 @@ class WatchedProcess:
 
 
 class ModelWatcher:
-    """Watches one process until it has ended, or nothing is to be watched any more."""
+    """Watches one process until it has ended, or nothing is to be watched any more.
+
+    Attributes:
+        exits: Where the process asks before it ends with status 0; None where the kernel does not have it ask.
+    """
 
     def __init__(
         self, source: int, page: CallPage, process: WatchedProcess, output: ModelOutput, task: WatchTask
     ) -> None:
         """Begin with `task`; take others from the file descriptor `source`."""
+        self.exits: Exits | None = None
         self._source = source
         self._page = page
         self._process = process
@@ -114,21 +126,32 @@ class ModelWatcher:
 
     def run(self) -> str:
         """Watch; returns what is to be reported of how it ended, empty for nothing."""
+        sources = [self._source] if self.exits is None else [self._source, self.exits.descriptor]
         while not self._task.is_over:
             pause_ns = min(self._task.limit_ns // _LOOKS, _LONGEST_PAUSE_NS)
-            if select.select([self._source], [], [], pause_ns / _NS_PER_S)[0]:
+            ready = select.select(sources, [], [], pause_ns / _NS_PER_S)[0]
+            if self._source in ready:
                 sent = os.read(self._source, _READ_BYTES)
                 if not sent:
                     return self._ended()
                 self._take(sent)
+            elif self.exits is not None and ready and not self.exits.answer(self._may_end):
+                return self._end("it ended the process with status 0, as by _exit")
             seen = self._page.look()
             limit_ns = self._limit_ns(seen.call)
             if limit_ns and self._process.held_ns(seen, pause_ns) > limit_ns:
-                self._process.end()
-                self._output.finish(_OUTPUT_S)
-                within = f"did not return within {limit_ns / _NS_PER_S:g} s"
-                return f"{self._where(seen)}: it {within}, and its process was ended{self._output.place}"
+                return self._end(f"it did not return within {limit_ns / _NS_PER_S:g} s, and its process was ended")
         return ""
+
+    def _may_end(self, thread: int) -> bool:
+        """Others may, which the process has started."""
+        return not self._process.has_thread(thread)
+
+    def _end(self, cause: str) -> str:
+        seen = self._page.look()
+        self._process.end()
+        self._output.finish(_OUTPUT_S)
+        return f"{self._where(seen)}: {cause}{self._output.place}"
 
     def _take(self, sent: bytes) -> None:
         *lines, self._received = (self._received + sent).split(b"\n")
@@ -143,15 +166,18 @@ class ModelWatcher:
         return LONG_NS if call in {Call.INITIALIZE, Call.TERMINATE} else self._task.limit_ns
 
     def _ended(self) -> str:
-        """The process has ended, with nobody having said that it would."""
+        """The process has ended, with nobody having said that it would, or another program has taken its place."""
+        self._process.end()
         self._output.finish(_OUTPUT_S)
         fault, seen = self._output.reason, self._page.look()
         if seen.call is Call.LOAD and not fault:  # as by Ctrl-C
             return f"the process ended while {self._model} was loaded"
         if seen.call is not Call.NONE:
-            return f"{self._where(seen)}: {fault or 'its process ended without a reason (as by _exit, or a kill)'}"
+            return (
+                f"{self._where(seen)}: {fault or 'its process ended without a reason (as by _exit, exec, or a kill)'}"
+            )
         if fault:
-            return f"the process ended after cycle {seen.cycle}, outside of the calls into {self._model}: {fault}"
+            return f"{self._where(seen)}: {fault}"
         return ""  # whoever killed it knows
 
     @property
@@ -161,24 +187,30 @@ class ModelWatcher:
     def _where(self, seen: Seen) -> str:
         if seen.call is Call.LOAD:
             return f"{self._model} failed {NAMES[seen.call]}"
+        if seen.call is Call.NONE:
+            return f"the process ended after cycle {seen.cycle}, outside of the calls into {self._model}"
         inputs = self._page.inputs_text(self._task.inputs)
         return f"{self._model} failed {NAMES[seen.call]} of cycle {seen.cycle} ({inputs})"
 
 
 def main() -> int:
-    """Run as a process: `PAGE OUTPUT SOURCE`, file descriptors of its parent's, and what model is loaded at first."""
+    """Run as a process: `PAGE OUTPUT EXITS`, file descriptors of its parent's, and what model is loaded at first."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGABRT):  # which end what is watched, and are to be reported
         signal.signal(number, signal.SIG_IGN)
-    page, pipe, task = int(sys.argv[1]), int(sys.argv[2]), WatchTask(sys.argv[3])
+    page, pipe, handed, task = int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), WatchTask(sys.argv[4])
     output = ModelOutput(pipe, _write, name=task.name)
     threading.Thread(target=output.run, daemon=True).start()
     with contextlib.suppress(OSError):  # above the loop, which a call that never returns would not leave
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
-    report = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(os.getppid()), output, task).run()
+    watcher = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(os.getppid()), output, task)
+    watcher.exits = receive_exits(handed)
+    report = watcher.run()
     output.finish(_OUTPUT_S)
     output.close(has_failed=bool(report))
     if report:
         _write(f"segway-ecc: {report}\n")
+    if watcher.exits is not None:
+        watcher.exits.answer_to_the_end()
     return 0
 
 

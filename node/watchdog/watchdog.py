@@ -9,6 +9,7 @@ import io
 import logging
 import mmap
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 from segway_ecc.node.errors import ConfigurationError, ModelError, printable, shortened
 from segway_ecc.node.helper import end_helper, send_messages_to, send_task, start_helper
 from segway_ecc.node.model.model import Model
+from segway_ecc.node.watchdog.exits import hand_over_exits
 from segway_ecc.node.watchdog.page import Call, CallPage
 from segway_ecc.node.watchdog.process import LONG_NS, WatchTask
 from segway_ecc.node.watchdog.watched_model import WatchedModel, watched
@@ -109,7 +111,14 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
         page = CallPage(memory)
         page.enter(Call.LOAD, 0, time.monotonic_ns())
         name = printable(shortened(source.replace("\0", " ")))  # with the arguments: it may be needed at once
-        process = start_helper(_MODULE, (str(memory), str(pipe), name), (memory, pipe))
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            given = memory, pipe, theirs.fileno()
+            process = start_helper(_MODULE, (*map(str, given), name), given)
+            try:
+                hand_over_exits(ours)
+            except OSError as error:
+                _logger.info("a model that ends the process with status 0 gives exit code 0 here: %s", error.strerror)
         watchdog = ModelWatchdog(page, process, source)
         threading.Thread(target=_report_end, args=(process,), daemon=True).start()
         try:

@@ -132,7 +132,12 @@ class Broken(SectionedModel):
 ENDS = {
     "a crash in a step": ("ctypes.string_at(0)", "", "in its initial equations of cycle 0", "segmentation fault"),
     "a crash while loaded": ("", "ctypes.string_at(0)", "while it was loaded", "segmentation fault"),
-    "an end by system call": ("ctypes.CDLL(None)._exit(0)", "", "in its initial equations", "ended without a reason"),
+    "an end by system call": (
+        "ctypes.CDLL(None)._exit(0)",
+        "",
+        "in its initial equations",
+        "it ended the process with",
+    ),
 }
 
 

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import pytest
 
 from segway_ecc.node.watchdog.output import AT_ONCE, PER_S
+from tests.fixtures.noisy import noisy
+from tests.fixtures.twenty_sim.maker import Maker
 from tests.patience import PATIENCE_S
 
 CYCLE = 7
@@ -44,8 +46,20 @@ DIES = {
     "ctypes.string_at(0)": (signal.SIGSEGV, "segmentation fault"),
     "os.abort()": (signal.SIGABRT, "aborted"),
     "signal.raise_signal(signal.SIGFPE)": (signal.SIGFPE, "floating point exception"),
-    "os.kill(os.getpid(), signal.SIGKILL)": (signal.SIGKILL, "its process ended without a reason (as by _exit, or a k"),
-    "libc._exit(0)": (0, "its process ended without a reason (as by _exit, or a kill)"),
+    "os.kill(os.getpid(), signal.SIGKILL)": (signal.SIGKILL, "its process ended without a reason (as by _exit, exec,"),
+    "libc._exit(0)": (signal.SIGABRT, "it ended the process with status 0, as by _exit ("),
+    "libc.syscall(ctypes.c_long({'x86_64': 231, 'aarch64': 94}[os.uname().machine]), 512)": (
+        signal.SIGABRT,
+        "it ended the process with status 0, as by _exit (",
+    ),
+    "libc.syscall(ctypes.c_long({'x86_64': 60, 'aarch64': 93}[os.uname().machine]), 0)": (
+        signal.SIGABRT,
+        "it did not return within 0.05 s, and its process was ended",
+    ),
+    "os.execv(sys.executable, [sys.executable, '-c', ''])": (
+        signal.SIGABRT,
+        "its process ended without a reason (as by _exit, exec, or a kill)",
+    ),
 }
 NEVER_RETURNS = {
     "while True: pass": "an endless loop in Python",
@@ -100,7 +114,7 @@ def replayed(folder: Path) -> str:
     return call(folder, "log", "replay", "run.mcap").out
 
 
-@pytest.mark.variants(2)
+@pytest.mark.variants(len(DIES))
 @pytest.mark.parametrize("misbehaviour", DIES)
 def test_a_model_that_ends_the_process_is_reported_with_a_whole_log(folder: Path, misbehaviour: str) -> None:
     number, cause = DIES[misbehaviour]
@@ -110,6 +124,44 @@ def test_a_model_that_ends_the_process_is_reported_with_a_whole_log(folder: Path
     assert ended.out == ""
     (folder / "tank.py").write_text((folder / "tank.py").read_text().replace(misbehaviour, "pass"))
     assert replayed(folder).startswith(f"identical: {CYCLE} cycles")
+
+
+RAW = """
+#if defined(__x86_64__)
+    __asm__ volatile("syscall" : : "a"(231L), "D"(0L) : "rcx", "r11", "memory");
+#elif defined(__aarch64__)
+    register long number __asm__("x8") = 94, status __asm__("x0") = 0;
+    __asm__ volatile("svc 0" : : "r"(number), "r"(status) : "memory");
+#endif
+"""
+
+
+def test_generated_code_that_ends_the_process_in_assembly_is_reported(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    path = noisy(
+        Maker(lambda: folder), folder, "submodel", f"static int calls; if (calls++ > 20) {{ {RAW} }} return 1.0;"
+    )
+    wiring = "wiring: {in: setpoint.linear_velocity, out: odometry.x}"
+    robot = f"name: raw\nmodel: {{source: {path}}}\narming: at_start\n{wiring}\n"
+    (folder / "robot.yaml").write_text(robot, "utf-8")
+    ended = call(folder, "run", "robot.yaml", "--no-ros", "--no-log", "--duration", "20")
+    assert ended.code == -signal.SIGABRT
+    assert "it ended the process with status 0, as by _exit" in ended.errors[-1]
+
+
+def test_the_exit_of_a_program_that_a_model_starts_is_its_own(folder: Path) -> None:
+    (folder / "robot.yaml").write_text(ROBOT.replace("0.05", "10"), "utf-8")
+    starts = "os.system('true') == 0 and os.system('exit 3') == 3 << 8"
+    ended = drive(folder, f"self.steps > {CYCLE + 1} or 1 / ({starts})")
+    assert (ended.code, [line for line in ended.errors if "Tank" in line]) == (0, [])
+
+
+def test_a_thread_that_a_model_has_started_and_that_ends_the_process_is_reported(folder: Path) -> None:
+    ended = drive(folder, "__import__('threading').Thread(target=libc._exit, args=(0,)).start()")
+    assert ended.code == -signal.SIGABRT
+    assert "it ended the process with status 0, as by _exit" in ended.errors[-1]
 
 
 def test_the_line_of_python_is_named(folder: Path) -> None:
@@ -178,7 +230,7 @@ def test_a_step_limit_shorter_than_a_step_is_refused(folder: Path) -> None:
 REPLAY_ENDS = {
     "ctypes.string_at(0)": (128 + signal.SIGSEGV, "segmentation fault"),
     "while True: pass": (128 + signal.SIGABRT, "it did not return within 0.05 s, and its process was ended"),
-    "libc._exit(0)": (3, "its process ended without a reason (as by _exit, or a kill)"),
+    "libc._exit(0)": (128 + signal.SIGABRT, "it ended the process with status 0, as by _exit ("),
 }
 
 

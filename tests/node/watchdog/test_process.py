@@ -4,6 +4,7 @@
 import mmap
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -88,6 +89,14 @@ def test_a_watchdog_that_is_late_counts_no_more_than_two_of_its_pauses() -> None
         assert process.held_ns(STEP, PAUSE_NS) <= 2 * PAUSE_NS
 
 
+ENDED = 3
+STARTS = f"""
+import os, subprocess, sys
+subprocess.Popen(sys.argv[1:], stdin=subprocess.PIPE, close_fds=False)
+os._exit({ENDED})
+"""
+
+
 def test_a_model_is_named_before_the_first_task_has_come(tmp_path: Path) -> None:
     page = tmp_path / "page"
     page.write_bytes(bytes(mmap.PAGESIZE))
@@ -96,10 +105,15 @@ def test_a_model_is_named_before_the_first_task_has_come(tmp_path: Path) -> None
     os.close(printed)
     with page.open("r+b") as file:
         CallPage(file.fileno()).enter(Call.LOAD, 0, 0)
-        words = [sys.executable, "-P", "-m", watchdog_process.__name__, str(file.fileno()), str(pipe), "tank:Tank"]
-        given = (file.fileno(), pipe)
-        ended = subprocess.run(words, pass_fds=given, input=b"", capture_output=True, check=True)
+        ours, theirs = socket.socketpair()
+        given = file.fileno(), pipe, theirs.fileno()
+        words = [sys.executable, "-P", "-m", watchdog_process.__name__, *map(str, given), "tank:Tank"]
+        ours.close()
+        with theirs:
+            started = [sys.executable, "-c", STARTS, *words]
+            ended = subprocess.run(started, pass_fds=given, capture_output=True, check=False)
     os.close(pipe)
+    assert ended.returncode == ENDED
     assert ended.stderr.decode().splitlines() == [
         "segway-ecc: model 'tank:Tank' printed: hello",
         "segway-ecc: the process ended while model 'tank:Tank' was loaded",
