@@ -29,7 +29,7 @@ __all__ = ["TICK_NS", "Release", "SimulatedOdrive"]
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
-DEFAULT_RELEASES: Final = {Firmware.V0_5: Release.V0_5_5, Firmware.V0_6: Release.V0_6_10}
+DEFAULT_RELEASES: Final = {Firmware.V0_5: Release.V0_5_6, Firmware.V0_6: Release.V0_6_10}
 """What runs where a robot file names no more than the firmware."""
 _NAMES: Final = ("left", "right")
 _WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")

@@ -10,6 +10,7 @@ import pytest
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.odrive import Release
 from tests.hil.devices.odrive_bench import CLOSED, IDLE, MS, Bench, clear, mode, of, state, torque
 
 EXPIRED = {"0.5": 0x800, "0.6": 0x01000000}
@@ -276,7 +277,7 @@ def test_after_power_on_an_axis_is_in_position_mode_where_torque_means_nothing()
 
 
 def test_angles_are_counted_from_power_on_in_steps_of_the_encoder() -> None:
-    bench = Bench()
+    bench = Bench(release=Release.V0_5_5)
     bench.outputs |= {"left.angle": 1.0, "right.angle": 1.0}
     bench.tick()
     bench.outputs |= {"left.angle": 1.0 + 0.3, "right.angle": 1.0 + 0.3, "right.velocity": math.pi}
