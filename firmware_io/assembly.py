@@ -185,11 +185,13 @@ class Assembly:
         values: list[float] = []
         ages: list[float] = []
         valid: list[bool] = []
+        unseen: tuple[str, ...] = ()
         switching = self.switching
         for device in self._devices:
             readings = device.read()
             values += readings.values
             ages += readings.ages
+            unseen += readings.unseen
             # The robot must not fall for a change of lines: while they change, slightly old values are still valid. A
             # drive that has fallen silent on one line, while the other is good, is about to answer there.
             if switching is not None and (
@@ -208,4 +210,4 @@ class Assembly:
             off = off and drive.is_off
         events = tuple(self._events)
         self._events.clear()
-        return Sensors(tuple(values), tuple(ages), tuple(valid), faults, ready, events, off)
+        return Sensors(tuple(values), tuple(ages), tuple(valid), faults, ready, events, off, unseen)

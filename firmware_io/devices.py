@@ -38,16 +38,21 @@ class FrameKey(NamedTuple):
 
 
 class Readings(Value, frozen=True):
-    """The newest values of one device, in the order of its `signals`; see `Sensors`."""
+    """The newest values of one device, in the order of its `signals`; see `Sensors`.
+
+    Attributes:
+        unseen: Those of its signals that it measures only once its motors are on; they are not valid before.
+    """
 
     values: tuple[float, ...]
     ages: tuple[float, ...]
     valid: tuple[bool, ...]
+    unseen: tuple[str, ...] = ()
 
 
 def with_one_more(readings: Readings, value: float, age: tuple[float, bool]) -> Readings:
     """Readings and one value more: in SI, with its age, s, and whether it is fresh enough."""
-    return Readings((*readings.values, value), (*readings.ages, age[0]), (*readings.valid, age[1]))
+    return Readings((*readings.values, value), (*readings.ages, age[0]), (*readings.valid, age[1]), readings.unseen)
 
 
 class Sensor(Diagnosed, Protocol):

@@ -21,6 +21,7 @@ class Sensors(Value, frozen=True):
         events: What happened to the links since the last snapshot, for people.
         off: Whether every drive reports that its motors are off; False where one reports otherwise or nothing, and
             while they are asked to be on.
+        unseen: The signals that a drive measures only once its motors are on: not valid before, of infinite age.
     """
 
     values: tuple[float, ...] = ()
@@ -30,6 +31,7 @@ class Sensors(Value, frozen=True):
     ready: bool = True
     events: tuple[str, ...] = ()
     off: bool = True
+    unseen: tuple[str, ...] = ()
 
 
 class Diagnosed(Protocol):

@@ -198,8 +198,13 @@ class Session:
         return self.newest.values[self._names.index(name)]
 
     def stale(self) -> list[str]:
-        """The signals that no fresh value has arrived of."""
-        return [name for name, valid in zip(self._names, self.newest.valid, strict=True) if not valid]
+        """The signals that no fresh value has arrived of, and that are measured with the motors as they are."""
+        newest = self.newest
+        return [
+            name
+            for name, valid in zip(self._names, newest.valid, strict=True)
+            if not valid and name not in newest.unseen
+        ]
 
     def wait_until_fit(self) -> None:
         """Wait until nothing keeps the drives from being switched on.

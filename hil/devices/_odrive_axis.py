@@ -1,46 +1,98 @@
 # SPDX-License-Identifier: MIT
-"""One axis of a simulated ODrive (its states, errors, watchdog and torque), and the serial port of a board of 0.5."""
+"""One axis of a simulated ODrive: its states, errors, watchdog and torque.
 
-from collections.abc import Callable, Mapping, Sequence
+Sources of 0.5, in Firmware/ of github.com/odriverobotics/ODrive: MotorControl/axis.cpp and main.cpp of fw-v0.5.6, and
+controller.cpp and motor.cpp of the same line, for what disarms; communication/can/can_simple.cpp for what is sent. The
+firmware of 0.6 is not public: what is simulated of it follows its DBC file and the names of its errors.
+"""
+
+import enum
+import math
 from typing import Final
 
 from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.odrive.frames import WATCHDOG, Firmware
 from segway_ecc.firmware_io.drives.odrive.messages import TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveWheelSettings
-from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE
 
 INVALID_STATE: Final = 0x1
-"""Error bit of 0.5."""
+MOTOR_FAILED: Final = 0x40
+CONTROLLER_FAILED: Final = 0x200
+"""Error bits of an axis of 0.5."""
+CONTROLLER_OVERSPEED: Final = 0x1
+"""Error bit of a controller of 0.5."""
+CURRENT_LIMIT_VIOLATION: Final = 0x1000
+"""Error bit of a motor of 0.5, and of an axis of 0.6."""
+VELOCITY_LIMIT_VIOLATION: Final = 0x8000
+"""Error bit of 0.6."""
+PASSING_ERRORS: Final = 0x400 | 0x800 | CURRENT_LIMIT_VIOLATION | VELOCITY_LIMIT_VIOLATION
+"""Of 0.6: what disarms and is no longer active then, the bus' currents and the limits."""
 PROCEDURE_INVALID_STATE: Final = 13
-"""Procedure result of 0.6."""
+PROCEDURE_NOT_CALIBRATED: Final = 14
+"""Procedure results of 0.6."""
 ESTOP: Final = {Firmware.V0_5: 0x4000, Firmware.V0_6: 0x2000000}
-_VELOCITY_CONTROL: Final = 2
-_POSITION_CONTROL: Final = 3
+VELOCITY_CONTROL: Final = 2
+POSITION_CONTROL: Final = 3
 _ENTER_NS: Final = 2_000_000
 """From the request until the state is another."""
 _TORQUE_CONSTANT: Final = 0.1
 _MORE_THAN_ASKED: Final = 1.25
 _VELOCITY_GAIN: Final = 0.16
 _POSITION_GAIN: Final = 20.0
-_LONGEST: Final = 256
-"""Of a line, bytes."""
-_ENDS: Final = b"\r\n!"
-_REFUSED: Final = "invalid command format"
+
+
+@enum.unique
+class Release(enum.StrEnum):
+    """The releases that are simulated; two of one firmware have the same frames and differ in what is in them."""
+
+    V0_5_4 = "0.5.4"
+    V0_5_5 = "0.5.5"
+    V0_5_6 = "0.5.6"
+    V0_6_10 = "0.6.10"
+
+    @property
+    def numbers(self) -> tuple[int, int, int]:
+        """Major, minor and revision."""
+        major, minor, revision = (int(part) for part in self.split("."))
+        return major, minor, revision
+
+    @property
+    def firmware(self) -> Firmware:
+        """Which of the two on the bus it is."""
+        return Firmware(self.rpartition(".")[0])
+
+    @property
+    def estimates_need_closed_loop(self) -> bool:
+        """Whether CAN carries zeros for position and velocity until closed loop has been entered once.
+
+        0.5.6 sends the sources of the controller, which are connected when closed-loop control starts; 0.5.5 and older
+        send the encoder's own estimates.
+        """
+        return self is Release.V0_5_6
 
 
 class SimulatedAxis:
     """What the firmware keeps of one axis. The current loop, faster than a tick, is taken as perfect.
 
+    Limits are those of an axis that was set up for a robot; `factory_settings` makes them those of a new one.
+
     Attributes:
+        release: What runs on its board.
         settings: Gear, direction and torque constant of its wheel.
         state: See `AxisState`.
-        error: Bits that are latched until they are cleared.
+        error: Bits that are latched until they are cleared, as the heartbeat has them.
+        motor_error, encoder_error, controller_error: What lies behind them; 0.5.
+        disarm_reason: The errors that switched the motor off; 0.6.
         procedure_result: How the last request ended; 0.6.
-        watchdog_s: Time-out of the watchdog, s; None where it is off.
+        enable_watchdog, watchdog_timeout_s: Its watchdog, s.
+        is_calibrated: Whether closed loop is possible at all.
+        has_absolute_encoder: Whether it counts from the encoder's zero after power-on, not from where it stands.
         current_limit_a: Largest motor current, A.
-        velocity_limit_rev_s: Speed beyond which torque mode gives less torque; None where there is no limit.
+        current_limit_margin_a: How far above that a current disarms the motor, A.
+        velocity_limit_rev_s: Speed beyond which torque mode gives less torque.
+        velocity_limit_tolerance: How many times that speed is too fast, where `enable_overspeed_error`.
+        enable_torque_mode_velocity_limit: Whether that speed limits torque mode.
         counts_per_turn: Of the encoder.
         control_mode: What the input is.
         input_mode: How it is taken: as it is (1), or not at all.
@@ -49,26 +101,34 @@ class SimulatedAxis:
         supply_voltage: Of its board, V.
     """
 
-    def __init__(self, firmware: Firmware, settings: OdriveWheelSettings, watchdog_s: float | None) -> None:
+    def __init__(self, release: Release, settings: OdriveWheelSettings, watchdog_s: float | None) -> None:
         """Make an axis as it is after power-on."""
-        self.firmware = firmware
+        self.release = release
+        self.firmware = release.firmware
         self.node_id = settings.node_id
         self.settings = settings
-        self.watchdog_s = watchdog_s
+        self.enable_watchdog = watchdog_s is not None
+        self.watchdog_timeout_s = watchdog_s or 0.0
+        self.is_calibrated = True
+        self.has_absolute_encoder = False
         self.torque_constant = settings.torque_constant or _TORQUE_CONSTANT
         largest = abs(settings.motor_torque(settings.max_torque))
         self.current_limit_a = _MORE_THAN_ASKED * largest / self.torque_constant
-        self.velocity_limit_rev_s: float | None = None
+        self.current_limit_margin_a = math.inf
+        self.velocity_limit_rev_s = math.inf
+        self.velocity_limit_tolerance = 1.2
+        self.enable_overspeed_error = True
+        self.enable_torque_mode_velocity_limit = True
         self.counts_per_turn = 8192
         self.supply_voltage = SUPPLY_VOLTAGE
         self.restart()
 
     def restart(self) -> None:
         """Be as after power-on: idle, position mode, counting from here; the watchdog's time begins."""
+        self.clear_errors()
         self.state = AxisState.IDLE
-        self.error = 0
         self.procedure_result = 0
-        self.control_mode = _POSITION_CONTROL
+        self.control_mode = POSITION_CONTROL
         self.input_mode = 1
         self.input_torque_nm = 0.0
         self.input_velocity_rev_s = 0.0
@@ -77,8 +137,39 @@ class SimulatedAxis:
         self._turns = 0.0
         self._origin_turns: float | None = None
         self._requested: AxisState | None = None
-        self._requested_ns = 0
+        self._requested_ns: int | None = None
         self._fed_ns: int | None = None
+        self._has_closed_loop_run = False
+        self._flowing_a = 0.0
+
+    def factory_settings(self) -> None:
+        """Have the limits of a new board, with fw-v0.5.6: 2 rev/s, 10 A, no watchdog (controller.hpp, motor.hpp)."""
+        self.enable_watchdog, self.watchdog_timeout_s = False, 0.0
+        self.velocity_limit_rev_s, self.current_limit_a, self.current_limit_margin_a = 2.0, 10.0, 8.0
+
+    @property
+    def watchdog_s(self) -> float | None:
+        """Time-out of the watchdog, s; None where it is off."""
+        return self.watchdog_timeout_s if self.enable_watchdog else None
+
+    @watchdog_s.setter
+    def watchdog_s(self, timeout_s: float | None) -> None:
+        self.enable_watchdog = timeout_s is not None
+        self.watchdog_timeout_s = timeout_s or 0.0
+
+    @property
+    def requested_state(self) -> int:
+        """What was asked for and is still to be entered; writing it asks."""
+        return int(self._requested or AxisState.UNDEFINED)
+
+    @requested_state.setter
+    def requested_state(self, state: int) -> None:
+        self.request(state)
+
+    @property
+    def active_errors(self) -> int:
+        """Errors whose cause lasts, or that were latched; 0.6."""
+        return self.error & ~PASSING_ERRORS
 
     @property
     def counts(self) -> int:
@@ -91,9 +182,16 @@ class SimulatedAxis:
         return self.counts / self.counts_per_turn
 
     @property
+    def can_estimates(self) -> tuple[float, float]:
+        """Position, rev, and velocity, rev/s, that CAN carries."""
+        if self.release.estimates_need_closed_loop and not self._has_closed_loop_run:
+            return 0.0, 0.0
+        return self.position_rev, self.velocity_rev_s
+
+    @property
     def torque_nm(self) -> float:
-        """Torque of the motor now: nothing unless in closed loop."""
-        if self.state is not AxisState.CLOSED_LOOP_CONTROL:
+        """Torque of the motor now: nothing unless in closed loop, and without an error."""
+        if self.state is not AxisState.CLOSED_LOOP_CONTROL or self.error:
             return 0.0
         limit = self.current_limit_a * self.torque_constant
         return min(max(self._wanted(), -limit), limit)
@@ -114,18 +212,18 @@ class SimulatedAxis:
         motor = self.settings.motor
         self._turns, self.velocity_rev_s = motor(angle) / TURN, motor(velocity) / TURN
         if self._origin_turns is None:
-            self._origin_turns = self._turns
+            self._origin_turns = float(math.floor(self._turns)) if self.has_absolute_encoder else self._turns
 
     def feed(self, now_ns: int) -> None:
         """Start the watchdog's time anew."""
         self._fed_ns = now_ns
 
-    def request(self, state: int, now_ns: int) -> None:
+    def request(self, state: int) -> None:
         """Ask for a state; a new request takes an earlier complaint about a state back."""
         if self.firmware is Firmware.V0_5:
             self.error &= ~INVALID_STATE
         self._requested = AxisState(state) if state in set(AxisState) else AxisState.UNDEFINED
-        self._requested_ns = now_ns
+        self._requested_ns = None
 
     def set_input(
         self, torque_nm: float, velocity_rev_s: float | None = None, position_rev: float | None = None
@@ -150,174 +248,83 @@ class SimulatedAxis:
         """Raise errors: they stay until cleared, and the motor is off at once."""
         self.error |= bits
         if self.error and self.state is not AxisState.IDLE:
+            self.disarm_reason |= self.error
             self.state = AxisState.IDLE
 
-    def tick(self, now_ns: int, *, board_has_errors: bool) -> None:
-        """One pass: the watchdog, in whatever state, then what was asked for."""
+    def fail_motor(self, bits: int) -> None:
+        """Raise errors of the motor of 0.5; `Motor::disarm_with_error`, fw-v0.5.6."""
+        self.motor_error |= bits
+        self.latch(MOTOR_FAILED)
+
+    def clear_errors(self) -> None:
+        """Forget the errors."""
+        self.error = self.motor_error = self.encoder_error = self.controller_error = self.disarm_reason = 0
+
+    def tick(self, now_ns: int) -> None:
+        """One pass: the watchdog, in whatever state, the limits, then what was asked for."""
         if self._fed_ns is None:
             self._fed_ns = now_ns
+        if self.error:
+            self.latch(0)  # closed loop that was entered with an error ends
         if self.watchdog_s is not None and now_ns - self._fed_ns > self.watchdog_s * 1e9:
             self.latch(WATCHDOG[self.firmware])
-        if self._requested is not None and now_ns - self._requested_ns >= _ENTER_NS:
+        if self.state is AxisState.CLOSED_LOOP_CONTROL:
+            self._check_limits()
+        if self._requested is None:
+            return
+        if self._requested_ns is None:
+            self._requested_ns = now_ns
+        if now_ns - self._requested_ns >= _ENTER_NS:
             requested, self._requested = self._requested, None
-            self._enter(requested, now_ns, refused=board_has_errors or bool(self.error))
+            self._enter(requested, now_ns)
 
-    def _enter(self, state: AxisState, now_ns: int, *, refused: bool) -> None:
+    def _check_limits(self) -> None:
+        """Speed (`Controller::update`) and current (`Motor::current_meas_cb`, of before the limit changed)."""
+        too_fast = self.velocity_limit_tolerance * self.velocity_limit_rev_s
+        if self.enable_overspeed_error and abs(self.velocity_rev_s) > too_fast:
+            if self.firmware is Firmware.V0_5:
+                self.controller_error |= CONTROLLER_OVERSPEED
+                self.latch(CONTROLLER_FAILED)
+            else:
+                self.latch(VELOCITY_LIMIT_VIOLATION)
+        if self.current_limit_margin_a == math.inf:
+            return
+        flowed_a, self._flowing_a = self._flowing_a, self.current_a
+        if abs(flowed_a) > self.current_limit_a + self.current_limit_margin_a:
+            if self.firmware is Firmware.V0_5:
+                self.fail_motor(CURRENT_LIMIT_VIOLATION)
+            else:
+                self.latch(CURRENT_LIMIT_VIOLATION)
+
+    def _enter(self, state: AxisState, now_ns: int) -> None:
+        """Enter a state: `Axis::run_state_machine_loop`. 0.5 enters closed loop with an error too, and leaves it."""
+        is_0_5 = self.firmware is Firmware.V0_5
+        wants_loop = state is AxisState.CLOSED_LOOP_CONTROL
         if state is AxisState.IDLE:
             self.state, self.procedure_result = state, 0
-        elif state is AxisState.CLOSED_LOOP_CONTROL and not refused:
+        elif wants_loop and self.is_calibrated and (is_0_5 or not self.error):
             self.state, self.procedure_result = state, 0
+            self._has_closed_loop_run = True
             self.input_position_rev = self.position_rev
             self.feed(now_ns)
-        elif self.firmware is Firmware.V0_5:
+        elif is_0_5:
             self.latch(INVALID_STATE)
         else:
-            self.state, self.procedure_result = AxisState.IDLE, PROCEDURE_INVALID_STATE
+            is_uncalibrated = wants_loop and not self.is_calibrated
+            result = PROCEDURE_NOT_CALIBRATED if is_uncalibrated else PROCEDURE_INVALID_STATE
+            self.state, self.procedure_result = AxisState.IDLE, result
 
     def _wanted(self) -> float:
         """The torque that the control mode makes of the input; velocity and position without integrators."""
         velocity = self.velocity_rev_s
         if self.control_mode == TORQUE_CONTROL:
             limit, torque_nm = self.velocity_limit_rev_s, self.input_torque_nm
-            if limit is None:
+            if not self.enable_torque_mode_velocity_limit:
                 return torque_nm
             return min(max(torque_nm, _VELOCITY_GAIN * (-limit - velocity)), _VELOCITY_GAIN * (limit - velocity))
         wanted = self.input_velocity_rev_s
-        if self.control_mode == _POSITION_CONTROL:
+        if self.control_mode == POSITION_CONTROL:
             wanted += _POSITION_GAIN * (self.input_position_rev - self.position_rev)
-        elif self.control_mode != _VELOCITY_CONTROL:
+        elif self.control_mode != VELOCITY_CONTROL:
             return 0.0
         return _VELOCITY_GAIN * (wanted - velocity) + self.input_torque_nm
-
-
-_Read = Callable[[SimulatedAxis], str]
-
-_READABLE: Final[Mapping[str, _Read]] = {
-    "current_state": lambda axis: str(int(axis.state)),
-    "error": lambda axis: str(axis.error),
-    "controller.config.control_mode": lambda axis: str(axis.control_mode),
-    "controller.config.input_mode": lambda axis: str(axis.input_mode),
-    "config.enable_watchdog": lambda axis: str(int(axis.watchdog_s is not None)),
-    "config.watchdog_timeout": lambda axis: f"{axis.watchdog_s or 0.0:f}",
-    "motor.current_control.Iq_measured": lambda axis: f"{axis.current_a:f}",
-}
-_READABLE_OF_BOARD: Final[Mapping[str, Callable[[Sequence[SimulatedAxis]], float]]] = {
-    "vbus_voltage": lambda axes: axes[0].supply_voltage,
-    "ibus": lambda axes: sum(axis.supply_current_a for axis in axes),
-}
-
-
-class AsciiPort:
-    """Reads lines, executes them and writes replies; refuses, in silence, and counts those with a wrong checksum."""
-
-    def __init__(self, port: Port, axes: Sequence[SimulatedAxis], clear_errors: Callable[[], None]) -> None:
-        """Serve the axes of a board at its end of a line."""
-        self.refused = 0
-        self._port = port
-        self._axes = axes
-        self._clear_errors = clear_errors
-        self._line = bytearray()
-        self._is_too_long = False
-
-    def serve(self, now_ns: int) -> None:
-        """Execute what has arrived since the last pass."""
-        for byte in self._port.read(self._port.in_waiting):
-            if byte in _ENDS:
-                if not self._is_too_long:
-                    self._serve_line(bytes(self._line), now_ns)
-                self._line.clear()
-                self._is_too_long = False
-            elif len(self._line) < _LONGEST:
-                self._line.append(byte)
-            else:
-                self._is_too_long = True
-
-    def discard(self) -> None:
-        """Lose what was received of a line, as when switched off."""
-        self._line.clear()
-        self._port.read(self._port.in_waiting)
-
-    def _serve_line(self, line: bytes, now_ns: int) -> None:
-        text, star, given = line.partition(b";")[0].decode("latin-1").partition("*")
-        if star and given.strip() != str(_xor(text)):
-            self.refused += 1
-            return
-        reply = self._obey(text.split(), now_ns)
-        if reply is not None:
-            end = f"*{_xor(reply)}\r\n" if star else "\r\n"
-            self._port.write(f"{reply}{end}".encode("latin-1"))
-
-    def _obey(self, words: list[str], now_ns: int) -> str | None:
-        match words:
-            case ["c" | "v" | "p" | "u" | "f" as verb, axis, *values]:
-                return self._motion(verb, axis, values, now_ns)
-            case ["r", name]:
-                return self._read(name)
-            case ["w", name, value]:
-                return self._write(name, value, now_ns)
-            case ["sc"]:
-                self._clear_errors()
-                return None
-            case [verb, *_] if verb in {"c", "v", "p", "u", "f", "r", "w"}:
-                return _REFUSED
-        return "unknown command"
-
-    def _motion(self, verb: str, number: str, words: list[str], now_ns: int) -> str | None:
-        try:
-            axis_number, values = int(number), [float(word) for word in words]
-        except ValueError:
-            return _REFUSED
-        if not 0 <= axis_number < len(self._axes):
-            return f"invalid motor {axis_number}"
-        axis = self._axes[axis_number]
-        if verb == "f":
-            return f"{axis.position_rev:f} {axis.velocity_rev_s:f}"
-        if verb != "u" and not values:
-            return _REFUSED
-        # Unlike CAN frames, these change the control mode too.
-        match verb, [*values, 0.0, 0.0]:
-            case "c", [torque, *_]:
-                axis.control_mode = TORQUE_CONTROL
-                axis.set_input(torque)
-            case "v", [velocity, torque, *_]:
-                axis.control_mode = 2
-                axis.set_input(torque, velocity)
-            case "p", [position, velocity, torque, *_]:
-                axis.control_mode = 3
-                axis.set_input(torque, velocity, position)
-        axis.feed(now_ns)
-        return None
-
-    def _read(self, name: str) -> str:
-        if name in _READABLE_OF_BOARD:
-            return f"{_READABLE_OF_BOARD[name](self._axes):f}"
-        axis, key = self._find(name)
-        reader = _READABLE.get(key)
-        return "invalid property" if axis is None or reader is None else reader(axis)
-
-    def _write(self, name: str, value: str, now_ns: int) -> str | None:
-        axis, key = self._find(name)
-        if axis is None or not value.isdecimal():
-            return "invalid property" if axis is None else "not implemented"
-        match key:
-            case "requested_state":
-                axis.request(int(value), now_ns)
-            case "controller.config.control_mode":
-                axis.control_mode = int(value)
-            case "controller.config.input_mode":
-                axis.input_mode = int(value)
-            case _:
-                return "invalid property"
-        return None
-
-    def _find(self, name: str) -> tuple[SimulatedAxis | None, str]:
-        root, _, key = name.partition(".")
-        names = [f"axis{index}" for index in range(len(self._axes))]
-        return (self._axes[names.index(root)] if root in names else None), key
-
-
-def _xor(text: str) -> int:
-    total = 0
-    for byte in text.encode("latin-1"):
-        total ^= byte
-    return total

@@ -1,52 +1,104 @@
 # SPDX-License-Identifier: MIT
-"""ODrives as their firmware behaves: one board with two axes (0.5), or a board for each wheel (0.6)."""
+"""ODrives as their firmware behaves: one board with two axes (0.5), or a board for each wheel (0.6).
 
+What is sent is packed here, not by the driver's codec, from communication/can/can_simple.cpp of
+github.com/odriverobotics/ODrive and from ODrive's DBC files. The newest revision of can_simple.cpp that answers remote
+frames only stands for 0.5.4: it has no Get_Controller_Error, no current of the supply, no flags in the heartbeat, no
+cyclic messages but heartbeat and estimates, and sends d and q set-points as Get_Iq.
+"""
+
+import math
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final
 
 from segway_ecc.firmware_io.drives.odrive import messages as m
-from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, Message, decode, encode
+from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, arbitration_id, decode
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices._odrive_axis import ESTOP, AsciiPort, SimulatedAxis
+from segway_ecc.hil.devices._odrive_ascii import AsciiPort
+from segway_ecc.hil.devices._odrive_axis import ESTOP, Release, SimulatedAxis
+from segway_ecc.hil.devices._odrive_board import ENDPOINTS, SimulatedBoard, find
 from segway_ecc.hil.devices.device import supply_voltage
+
+__all__ = ["TICK_NS", "Release", "SimulatedOdrive"]
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
+DEFAULT_RELEASES: Final = {Firmware.V0_5: Release.V0_5_6, Firmware.V0_6: Release.V0_6_10}
+"""What runs where a robot file names no more than the firmware."""
 _NAMES: Final = ("left", "right")
 _WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
 _wheels = itemgetter(*_WHEELS)
 _FULL: Final = 8
-_VERSION: Final = m.Version(2, 4, 4, 58, 0, 6, 10, 0)
 _SETPOINTS: Final = (m.SetInputPosition, m.SetInputVelocity, m.SetInputTorque)
-_TELEMETRY: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
-    m.Heartbeat: lambda axis: m.Heartbeat(axis.error, axis.state),
-    m.ProcedureHeartbeat: lambda axis: m.ProcedureHeartbeat(axis.error, axis.state, axis.procedure_result),
-    m.EncoderEstimates: lambda axis: m.EncoderEstimates(axis.position_rev, axis.velocity_rev_s),
-    m.EncoderCount: lambda axis: m.EncoderCount(axis.counts, axis.counts % axis.counts_per_turn),
-    m.Currents: lambda axis: m.Currents(axis.current_a, axis.current_a),
-    m.Torques: lambda axis: m.Torques(axis.torque_nm, axis.torque_nm),
-    m.BusVoltageCurrent: lambda axis: m.BusVoltageCurrent(axis.supply_voltage, axis.supply_current_a),
-    m.Errors: lambda axis: m.Errors(axis.error, axis.error),
-    m.Temperatures: lambda _: m.Temperatures(30.0, None),
-    m.MotorError: lambda _: m.MotorError(0),
-    m.EncoderError: lambda _: m.EncoderError(0),
-    m.Version: lambda _: _VERSION,
+_HEARTBEAT: Final = 0x01
+_RX_SDO: Final = 0x04
+_TX_SDO: Final = 0x05
+_ESTIMATES: Final = 0x09
+_IQ: Final = 0x14
+_BUS: Final = 0x17
+_TORQUES: Final = 0x1C
+_CONTROLLER_ERROR: Final = 0x1D
+_SDO_HEAD: Final = struct.Struct("<BHB")
+_SDO_READ: Final = 0
+_SDO_WRITE: Final = 1
+
+_Pack = Callable[[SimulatedAxis, SimulatedBoard], bytes]
+
+
+def _floats(first: float, second: float) -> bytes:
+    return struct.pack("<ff", first, second)
+
+
+def _flags(axis: SimulatedAxis) -> tuple[bool, bool, bool]:
+    """The heartbeat's: whether motor, encoder and controller have an error."""
+    return bool(axis.motor_error), bool(axis.encoder_error), bool(axis.controller_error)
+
+
+_V0_5_4: Final[Mapping[int, _Pack]] = {
+    _HEARTBEAT: lambda axis, _: struct.pack("<IB3x", axis.error, axis.state),
+    0x03: lambda axis, _: struct.pack("<Q", axis.motor_error),
+    0x04: lambda axis, _: struct.pack("<I4x", axis.encoder_error),
+    0x05: lambda _axis, _: bytes(_FULL),  # errors of the sensorless estimator, which has no part in this
+    _ESTIMATES: lambda axis, _: _floats(*axis.can_estimates),
+    0x0A: lambda axis, _: struct.pack("<ii", axis.counts, axis.counts % axis.counts_per_turn),
+    _IQ: lambda axis, _: _floats(0.0, axis.current_a),
+    0x15: lambda _axis, _: bytes(_FULL),
+    _BUS: lambda _, board: _floats(board.supply_voltage, 0.0),
 }
-"""What an axis sends in each message that is simulated."""
-_UNASKED: Final = (m.Heartbeat, m.ProcedureHeartbeat)
-"""What is not sent on request."""
+_PACK: Final[Mapping[Release, Mapping[int, _Pack]]] = {
+    Release.V0_5_4: _V0_5_4,
+    Release.V0_5_5: {
+        **_V0_5_4,
+        _HEARTBEAT: lambda axis, _: struct.pack("<IB???", axis.error, axis.state, *_flags(axis)),
+        _IQ: lambda axis, _: _floats(axis.current_a, axis.current_a),
+        _BUS: lambda _, board: _floats(board.supply_voltage, board.supply_current_a),
+        _CONTROLLER_ERROR: lambda axis, _: struct.pack("<I4x", axis.controller_error),
+    },
+    Release.V0_6_10: {
+        0x00: lambda axis, _: bytes((2, 4, 4, 58, *axis.release.numbers, 0)),
+        _HEARTBEAT: lambda axis, _: struct.pack("<IBB2x", axis.error, axis.state, axis.procedure_result),
+        0x03: lambda axis, _: struct.pack("<II", axis.active_errors, axis.disarm_reason),
+        _ESTIMATES: lambda axis, _: _floats(*axis.can_estimates),
+        _IQ: lambda axis, _: _floats(axis.current_a, axis.current_a),
+        0x15: lambda _axis, _: _floats(30.0, math.nan),  # no sensor in the motor
+        _BUS: lambda _, board: _floats(board.supply_voltage, board.supply_current_a),
+        _TORQUES: lambda axis, _: _floats(axis.torque_nm, axis.torque_nm),
+    },
+}
+"""The data of each message that is simulated, by its command; 0.5.6 has those of 0.5.5."""
 
 
 @dataclass(slots=True)
 class _Cycle:
     """A message that is sent again and again."""
 
-    message: type[Message]
+    command: int
     period_ns: int
     last_ns: int | None = None
 
@@ -59,13 +111,20 @@ class _Cycle:
 
 
 class SimulatedOdrive:
-    """Two wheels on ODrives; see `Device`. For each axis, left first, `cycles` is what it sends unasked, how often."""
+    """Two wheels on ODrives; see `Device`.
+
+    Attributes:
+        release: What runs on them.
+        axes: Both axes, left first.
+        boards: The one that both are on (0.5), or one for each (0.6).
+        cycles: What each axis sends unasked, and how often.
+    """
 
     inputs: Sequence[str] = ("left.torque", "right.torque")
     needs: Sequence[str] = _WHEELS
 
     def __init__(
-        self, link: Link, settings: OdriveSettings, port: Port | None = None, firmware: Firmware | None = None
+        self, link: Link, settings: OdriveSettings, port: Port | None = None, release: Release | None = None
     ) -> None:
         """Switch the drives on, configured as the settings have it.
 
@@ -73,18 +132,24 @@ class SimulatedOdrive:
             link: The bus.
             settings: Their section of the robot file.
             port: The board's end of a serial line; 0.5.
-            firmware: What runs on them; by default what the settings name, 0.5 for `auto`.
+            release: What runs on them; by default one of the firmware that the settings name, 0.5 for `auto`.
         """
-        auto = Firmware.V0_5 if settings.firmware == "auto" else Firmware(settings.firmware)
-        self.firmware = auto if firmware is None else firmware
-        self.axes = [SimulatedAxis(self.firmware, settings.wheel(name), settings.watchdog_s) for name in _NAMES]
+        named = Firmware.V0_5 if settings.firmware == "auto" else Firmware(settings.firmware)
+        self.release = DEFAULT_RELEASES[named] if release is None else release
+        self.firmware = self.release.firmware
+        self.axes = [SimulatedAxis(self.release, settings.wheel(name), settings.watchdog_s) for name in _NAMES]
+        groups = [[axis] for axis in self.axes]
+        if self.firmware is Firmware.V0_5:
+            groups = [sorted(self.axes, key=lambda axis: axis.settings.axis)]
+        self.boards = [SimulatedBoard(self.release, axes) for axes in groups]
         self.is_on = True
         self.cycles = [self._cycles(settings) for _ in self.axes]
         self._link = link
         self._refused = 0
-        self._by_node = {axis.node_id: axis for axis in self.axes}
-        in_board_order = sorted(self.axes, key=lambda axis: axis.settings.axis)
-        self._ascii = None if port is None else AsciiPort(port, in_board_order, self._clear_board)
+        self._pack = _PACK.get(self.release, _PACK[Release.V0_5_5])
+        self._ends = [(axis, self.boards[-1 if axis is self.axes[1] else 0]) for axis in self.axes]
+        self._by_node = {axis.node_id: (axis, board) for axis, board in self._ends}
+        self._ascii = None if port is None else AsciiPort(port, self.boards[0])
 
     @property
     def refused_frames(self) -> int:
@@ -98,8 +163,8 @@ class SimulatedOdrive:
     def switch_on(self) -> None:
         """Give the power back: everything but the configuration is lost."""
         self.is_on = True
-        for axis in self.axes:
-            axis.restart()
+        for board in self.boards:
+            board.restart()
 
     def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
         """Process frames and lines, run the states and watchdogs; see `Device.obey`."""
@@ -109,16 +174,15 @@ class SimulatedOdrive:
             return (0.0, 0.0)
         self._move(outputs)
         for frame in frames:
-            axis = None if frame.is_extended else self._by_node.get(frame.arbitration_id // COMMANDS)
-            if axis is not None:
-                self._receive(axis, frame, now_ns)
+            end = None if frame.is_extended else self._by_node.get(frame.arbitration_id // COMMANDS)
+            if end is not None:
+                self._receive(*end, frame, now_ns)
         if self._ascii is not None:
             self._ascii.serve(now_ns)
-        left, right = self.axes
+        for board in self.boards:
+            board.check_supply()
         for axis in self.axes:
-            # An error on one axis of 0.5 keeps the other from closed loop; each 0.6 is a board of its own.
-            has_errors = self.firmware is Firmware.V0_5 and bool(left.error or right.error)
-            axis.tick(now_ns, board_has_errors=has_errors)
+            axis.tick(now_ns)
         return [axis.settings.wheel_torque(axis.torque_nm) for axis in self.axes]
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
@@ -126,26 +190,22 @@ class SimulatedOdrive:
         if not self.is_on:
             return
         due = [
-            (axis, cycle.message)
-            for axis, cycles in zip(self.axes, self.cycles, strict=True)
+            (end, cycle.command)
+            for end, cycles in zip(self._ends, self.cycles, strict=True)
             for cycle in cycles
             if cycle.is_due(now_ns)
         ]
         if due:  # in one tick of several
             self._move(outputs)
-        for axis, message in due:
-            self._send(axis, message)
+        for (axis, board), command in due:
+            self._send(axis, board, command)
 
     def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
-        torque = m.Currents if self.firmware is Firmware.V0_5 else m.Torques
-        beat = m.Heartbeat if self.firmware is Firmware.V0_5 else m.ProcedureHeartbeat
-        periods: list[tuple[type[Message], float]] = [
-            (beat, settings.heartbeat_period_s),
-            (m.EncoderEstimates, settings.encoder_period_s),
-            (torque, settings.torque_period_s),
-            (m.BusVoltageCurrent, 0.1),
-        ]
-        return [_Cycle(message, round(period_s * 1e9)) for message, period_s in periods]
+        periods = [(_HEARTBEAT, settings.heartbeat_period_s), (_ESTIMATES, settings.encoder_period_s)]
+        if self.release is not Release.V0_5_4:
+            torque = _IQ if self.firmware is Firmware.V0_5 else _TORQUES
+            periods += [(torque, settings.torque_period_s), (_BUS, 0.1)]
+        return [_Cycle(command, round(period_s * 1e9)) for command, period_s in periods]
 
     def _move(self, outputs: Mapping[str, float]) -> None:
         left, right = self.axes
@@ -154,20 +214,18 @@ class SimulatedOdrive:
         right.move(right_angle, right_velocity)
         left.supply_voltage = right.supply_voltage = supply_voltage(outputs)
 
-    def _clear_board(self) -> None:
-        for axis in self.axes:
-            axis.error = 0
-
-    def _receive(self, axis: SimulatedAxis, frame: Frame, now_ns: int) -> None:
+    def _receive(self, axis: SimulatedAxis, board: SimulatedBoard, frame: Frame, now_ns: int) -> None:
         """Process a frame. To 0.5 any one feeds the watchdog; to 0.6 a set-point does, as far as is known."""
         if self.firmware is Firmware.V0_5:
             axis.feed(now_ns)
-        if frame.is_remote or not frame.data:
-            layout = LAYOUTS[self.firmware].get(frame.arbitration_id % COMMANDS)
-            if layout is not None and layout.message in _TELEMETRY:
-                if layout.message not in _UNASKED:
-                    self._send(axis, layout.message)
-                return
+        command = frame.arbitration_id % COMMANDS
+        if command in self._pack and self._is_question(frame, command):
+            if command != _HEARTBEAT:  # which is not sent on request
+                self._send(axis, board, command)
+            return
+        if self.firmware is Firmware.V0_6 and command == _RX_SDO:
+            self._serve_sdo(axis, board, frame.data)
+            return
         # 0.5 reads its buffer however short the frame was.
         data = frame.data.ljust(_FULL, b"\0") if self.firmware is Firmware.V0_5 else frame.data
         try:
@@ -177,13 +235,29 @@ class SimulatedOdrive:
             return
         if isinstance(message, _SETPOINTS):
             axis.feed(now_ns)
-        self._obey(axis, message, now_ns)
+        self._obey(axis, board, message)
 
-    def _obey(self, axis: SimulatedAxis, message: Message, now_ns: int) -> None:
+    def _is_question(self, frame: Frame, command: int) -> bool:
+        """Remote frames are; empty ones from 0.5.5 on; and 0.5.5 checks nothing of Get_Controller_Error."""
+        if frame.is_remote or self.release is Release.V0_5_4:
+            return frame.is_remote
+        return not frame.data or (self.firmware is Firmware.V0_5 and command == _CONTROLLER_ERROR)
+
+    def _serve_sdo(self, axis: SimulatedAxis, board: SimulatedBoard, data: bytes) -> None:
+        """Read or write an endpoint; a write is not confirmed before 0.6.11, and what is not there not answered."""
+        opcode, endpoint, _ = _SDO_HEAD.unpack(data[: _SDO_HEAD.size].ljust(_SDO_HEAD.size, b"\0"))
+        found = find(board, ENDPOINTS.get(endpoint, "")) if len(data) >= _SDO_HEAD.size else None
+        if found is not None and opcode == _SDO_READ:
+            reply = _SDO_HEAD.pack(0, endpoint, 0) + found.pack()
+            self._link.send(Frame(arbitration_id(axis.node_id, _TX_SDO), reply))
+        elif found is None or opcode != _SDO_WRITE or not found.unpack(data[_SDO_HEAD.size :]):
+            self._refused += 1
+
+    def _obey(self, axis: SimulatedAxis, board: SimulatedBoard, message: Message) -> None:
         """Obey a message; a control mode is changed by its own frame only."""
         match message:
             case m.SetAxisState(state):
-                axis.request(state, now_ns)
+                axis.request(state)
             case m.SetControllerMode(control_mode, input_mode):
                 axis.control_mode, axis.input_mode = control_mode, input_mode
             case m.SetInputTorque(torque):
@@ -193,21 +267,18 @@ class SimulatedOdrive:
             case m.SetInputPosition(position, velocity, torque):
                 axis.set_input(torque, velocity, position)
             case _:
-                self._manage(axis, message)
+                self._manage(axis, board, message)
 
-    def _manage(self, axis: SimulatedAxis, message: Message) -> None:
+    def _manage(self, axis: SimulatedAxis, board: SimulatedBoard, message: Message) -> None:
         match message:
             case m.Estop():
                 axis.latch(ESTOP[self.firmware])
-            case m.ClearErrors():
-                self._clear_board()
-            case m.ClearAxisErrors():
-                axis.error = 0
+            case m.ClearErrors() | m.ClearAxisErrors():
+                board.clear_errors()
             case m.Reboot():
-                for each in self.axes:
-                    each.restart()
+                board.restart()
             case m.RebootAction(action) if action == 0:
-                axis.restart()
+                board.restart()
             case m.SetLimits(velocity, current):
                 axis.velocity_limit_rev_s, axis.current_limit_a = velocity, current
             case m.SetLinearCount(counts):
@@ -215,5 +286,5 @@ class SimulatedOdrive:
             case m.SetAbsolutePosition(position):
                 axis.set_origin(position)
 
-    def _send(self, axis: SimulatedAxis, kind: type[Message]) -> None:
-        self._link.send(encode(self.firmware, axis.node_id, _TELEMETRY[kind](axis)))
+    def _send(self, axis: SimulatedAxis, board: SimulatedBoard, command: int) -> None:
+        self._link.send(Frame(arbitration_id(axis.node_id, command), self._pack[command](axis, board)))

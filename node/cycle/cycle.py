@@ -17,6 +17,7 @@ from segway_ecc.node.cycle.guarded_model import GuardedModel
 from segway_ecc.node.cycle.interfaces import (
     MODEL_CALL,
     PHASES,
+    UNSEEN_CALL,
     CycleRecord,
     HardwareAnswer,
     Inbox,
@@ -462,12 +463,13 @@ class Cycle:
         return any(self._model.refuses(state, value, old) for state in self._wiring.states_of(place))
 
     def _faults(self, sensors: Sensors) -> list[str]:
+        """What is wrong. What was never measured is awaited until the drives are ready: some measure only then."""
         too_old: list[str] = []
         if False in sensors.valid:
             too_old = [
                 f"{self._signal_names[index]} is too old: {sensors.ages[index] * 1e3:.0f} ms"
                 for index in self._monitor.needs
-                if not sensors.valid[index]
+                if not sensors.valid[index] and (sensors.ready or sensors.ages[index] != math.inf)
             ]
         outputs = () if self._outputs.fault is None else (self._outputs.fault,)
         return [*sensors.faults, *too_old, *self._monitor.faults, *outputs]
@@ -477,7 +479,10 @@ class Cycle:
         checks: Sequence[PreArmCheck] = ()
         if self.sensors is not None:
             values, ages, valid = self.sensors.values, self.sensors.ages, self.sensors.valid
-            checks = self._monitor.checklist(values, ages, valid, real_time=is_real_time())
+            unseen = self.sensors.unseen
+            checks = self._monitor.checklist(values, ages, valid, real_time=is_real_time(), unseen=unseen)
+            if unseen:  # no number shows it, and a replay needs it
+                self.arming.answers.append(HardwareAnswer(UNSEEN_CALL, unseen))
         if self._outputs.fault is not None:
             checks = [*checks, model_check(self._outputs.fault)]
         lacking = () if self._not_commissioned is None else (self._not_commissioned,)

@@ -80,6 +80,8 @@ def written_of(values: Sequence[tuple[str, float]], refusal: str = "") -> list[W
 
 MODEL_CALL: Final = "model"
 """The call that the model's own equations failed in: the run ends with that cycle."""
+UNSEEN_CALL: Final = "unseen"
+"""Not what the hardware has against arming, but the signals that it measures only once the motors are on."""
 
 
 class HardwareAnswer(NamedTuple):

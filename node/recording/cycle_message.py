@@ -11,7 +11,7 @@ that they come back bit for bit.
 
     ["fault", TEXT]                     a fault that the drives report
     ["event", TEXT]                     what happened to the links
-    ["answer", CALL, [TEXT, ...]]       what the hardware answered: to arm, obstacles, exchange or send
+    ["answer", CALL, [TEXT, ...]]       what the hardware answered: to arm, obstacles, exchange or send; unseen signals
     ["initial", {...}]                  the snapshot that the model started from
     ["posture", POSTURE, REASON]        the posture that was entered, of a robot that has one
     ["warning", TEXT]                   what the residual monitor began or ceased to warn of

@@ -14,7 +14,15 @@ from msgspec.structs import replace
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer, Inbox, NoStage, VariableWrite, Written
+from segway_ecc.node.cycle.interfaces import (
+    UNSEEN_CALL,
+    CycleRecord,
+    HardwareAnswer,
+    Inbox,
+    NoStage,
+    VariableWrite,
+    Written,
+)
 from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.errors import RecordingError, shortened
 from segway_ecc.node.recording import cdr
@@ -165,8 +173,9 @@ class RecordedRobot(NoStage):
 
     def pass_to(self, record: CycleRecord) -> None:
         """Pass to a cycle."""
-        self.record = record
-        self._answers = deque(record.answers)
+        unseen = tuple(name for answer in record.answers if answer.call == UNSEEN_CALL for name in answer.reasons)
+        self.record = record if not unseen else replace(record, sensors=replace(record.sensors, unseen=unseen))
+        self._answers = deque(answer for answer in record.answers if answer.call != UNSEEN_CALL)
 
     def open(self) -> None:
         """Nothing to open."""

@@ -135,12 +135,22 @@ class SafetyMonitor:
         return self._gravity is None or self._gravity.is_credible
 
     def checklist(
-        self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
+        self,
+        values: Sequence[float],
+        ages: Sequence[float],
+        valid: Sequence[bool],
+        *,
+        real_time: bool | None,
+        unseen: Sequence[str] = (),
     ) -> Sequence[PreArmCheck]:
-        """The pre-arm checks, where the robot has any; `real_time` is whether the loop has real-time priority."""
+        """The pre-arm checks, where the robot has any.
+
+        `real_time` is whether the loop has real-time priority; `unseen` is what drives measure only with motors on.
+        """
         if self._settings.checklist is None:
             return ()
-        names, needs, supply = list(self._signals), self.needs, self._supply
+        names, supply = list(self._signals), self._supply
+        needs = [index for index in self.needs if names[index] not in unseen]
         stale = [names[index] for index in needs if not valid[index]]
         measured = PreArmMeasurements(
             wanted_hz=self._rate.wanted_hz,
@@ -151,7 +161,8 @@ class SafetyMonitor:
             faults=self.faults,
             still_s=self._still.periods * self._period_s if self._still else None,
             tilt=self._tilt.estimate.tilt if self._tilt else None,
-            wheels=[values[index] for index in self._wheels],
+            wheels=[values[index] for index in self._wheels if names[index] not in unseen],
+            unseen=[names[index] for index in self.needs if names[index] in unseen],
             supply_v=values[supply] if supply is not None and valid[supply] else None,
             real_time=real_time,
         )

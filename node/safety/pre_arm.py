@@ -18,7 +18,8 @@ class PreArmMeasurements(Value, frozen=True):
         faults: What the checks of sensors and deadlines found.
         still_s: For how long the IMU has been still, s; None only where there is no IMU.
         tilt: From upright, rad.
-        wheels: Velocities, rad/s.
+        wheels: Velocities, rad/s, of those wheels of which they are measured.
+        unseen: The signals that are needed and that drives measure only once the motors are on.
         real_time: Whether the loop has real-time priority.
     """
 
@@ -31,6 +32,7 @@ class PreArmMeasurements(Value, frozen=True):
     still_s: float | None = None
     tilt: float | None = None
     wheels: Sequence[float] = ()
+    unseen: Sequence[str] = ()
     supply_v: float | None = None
     real_time: bool | None = None
 
@@ -79,6 +81,9 @@ def pre_arm_checks(
     yield _check("sensors", text, "see that each device is on and sends", passed=not measured.stale)
     text = ", ".join(measured.faults) or "nothing against sensors and deadlines"
     yield _check("plausible", text, "remedy it, or wait until it has passed", passed=not measured.faults)
+    if measured.unseen:
+        text = f"not measured before the motors are on: {', '.join(measured.unseen)}; see that the wheels are at rest"
+        yield PreArmCheck("unseen", passed=False, text=text, is_warning=True)
     yield from _motion_checks(settings, measured)
     if supply is not None and volts is not None:
         text = f"{volts:.1f} V, allowed is {supply.min_v:g} to {supply.max_v:g} V"

@@ -75,6 +75,8 @@ class Odrive(PhasedDrive):
         self._cleared: tuple[str, ...] = ()
         self._stepped_ns = _NEVER
         self._first_step_ns: int | None = None
+        self._is_closed = False
+        """Whether the newest heartbeat shows closed loop, and was sent after the steps to it."""
         self._silent_since_ns: int | None = None
 
     def start(self) -> None:
@@ -89,8 +91,11 @@ class Odrive(PhasedDrive):
             # What arrived sooner may have been on its way before the steps were.
             first_ns = self._first_step_ns
             is_settled = first_ns is not None and frame.received_ns - first_ns >= self._settled_ns
-            if is_settled and self._axis.is_closed_loop:
-                self._enabling.confirm()
+            self._is_closed = is_settled and self._axis.is_closed_loop
+            self._axis.origin.is_connected |= self._is_closed
+        # Where the wheel could not be seen before, it is enabled once an estimate shows where it stands.
+        if taken and self._is_closed and not self._axis.origin.is_blind:
+            self._enabling.confirm()
         return taken
 
     def read(self) -> Readings:
@@ -142,6 +147,7 @@ class Odrive(PhasedDrive):
         """Send the steps to closed loop from the next cycle, with zero, until a heartbeat confirms it."""
         self._enabling.begin(self._now_ns())
         self._first_step_ns = None
+        self._is_closed = False
         self._stepped_ns = _NEVER
 
     def command(self, commands: Sequence[float]) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Telemetry of one axis, decoded, checked, time-stamped and kept; and what an axis must prove: firmware, watchdog."""
 
+import math
 from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import Any, Final
@@ -178,6 +179,42 @@ class WatchdogProof:
         return not self.is_proven and self.is_expired and now_ns - self._cleared_ns >= _CLEAR_EVERY_NS
 
 
+class WheelOrigin:
+    """What an axis' estimates show of its motor, and from which origin.
+
+    Firmware 0.5.6 sends the inputs of its controller, which are connected when closed-loop control begins: until then,
+    after power-on, position and velocity are exactly zero wherever the wheel stands and however it turns, and then the
+    position jumps to the encoder's (`get_encoder_estimates_callback`, `start_closed_loop_control`). Which versions do
+    so a drive of 0.5 does not tell. So two exact zeros from an axis that was not seen in closed loop since it last may
+    have restarted measure nothing; and with the first estimate that does, the position goes on from where it was.
+
+    Attributes:
+        estimates: The newest that measured the motor, counted from the origin.
+        is_blind: Whether the newest measured nothing.
+        is_connected: Whether the axis was in closed loop since it may have restarted, so that zeros are measured.
+    """
+
+    def __init__(self) -> None:
+        """Begin with a motor of which nothing is known."""
+        self.estimates = m.EncoderEstimates(0.0, 0.0)
+        self.is_blind = False
+        self.is_connected = False
+        self._offset_rev = 0.0
+
+    def take(self, estimates: m.EncoderEstimates, *, zeros_measure: bool) -> None:
+        """Take what the axis sent; `zeros_measure` for a firmware that never sends zeros in place of a measurement."""
+        position_rev, velocity_rev_s = estimates
+        if not (position_rev or velocity_rev_s or zeros_measure or self.is_connected):
+            self.is_blind = True
+            return
+        if self.is_blind:
+            self.is_blind = False
+            self._offset_rev = self.estimates.position_rev - position_rev
+        if self._offset_rev:
+            estimates = m.EncoderEstimates(position_rev + self._offset_rev, velocity_rev_s)
+        self.estimates = estimates
+
+
 class AxisListener:
     """Keeps the newest telemetry of one axis.
 
@@ -186,12 +223,14 @@ class AxisListener:
         error: Error bits of the newest heartbeat, which carries the state too, see `AxisState`.
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
+        origin: What the estimates show of the motor.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
     def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Listen to the axis of the wheel called `name`."""
         self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
+        self._wheel_signals = (f"{name}.angle", f"{name}.velocity")
         self._wheel = settings.wheel(name)
         self.search = FirmwareSearch(settings.firmware)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
@@ -214,7 +253,7 @@ class AxisListener:
         self.fresh = Freshness(stale_ns, now_ns, settings.ride_through_s)
         self._now_ns = now_ns
         self._beat_ns: int | None = None
-        self._estimates = m.EncoderEstimates(0.0, 0.0)
+        self.origin = WheelOrigin()
         self._torque = 0.0
         self._supply = 0.0
         self._newest: dict[type[Any], Any] = {}
@@ -237,16 +276,18 @@ class AxisListener:
     def read(self) -> Readings:
         """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the left axis the supply's voltage (V) too.
 
-        The angle is the drive's own, which counts from power-on: its resolution is that of the wire's 32-bit float,
-        4e-4 rad at 1000 turns of the motor and 6e-3 rad at 10000.
+        The angle is the drive's own, which counts from power-on, or from where it stood when the drive was first seen
+        to measure it (`WheelOrigin`). Its resolution is that of the wire's 32-bit float, 4e-4 rad at 1000 turns of the
+        motor and 6e-3 rad at 10000.
         """
         wheel = self._wheel.wheel
-        angle, velocity = motor_motion(self._estimates)
+        angle, velocity = motor_motion(self.origin.estimates)
         now_ns = self._now_ns()
-        age, valid = self.fresh.age("estimates", now_ns=now_ns)
+        age, valid = (math.inf, False) if self.origin.is_blind else self.fresh.age("estimates", now_ns=now_ns)
         torque_age, torque_valid = self.fresh.age("torque", now_ns=now_ns)
         values = (wheel(angle), wheel(velocity), self._wheel.wheel_torque(self._torque))
-        readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
+        unseen = self._wheel_signals if self.origin.is_blind else ()
+        readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid), unseen)
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
         return with_one_more(readings, self._supply, self.fresh.age("supply", now_ns=now_ns))
@@ -282,7 +323,7 @@ class AxisListener:
             "firmware": str(self.search),
             **self.fresh.health,
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
-            "angle_resolution_rad": f"{abs(self._wheel.wheel(angle_resolution(self._estimates))):.1e}",
+            "angle_resolution_rad": f"{abs(self._wheel.wheel(angle_resolution(self.origin.estimates))):.1e}",
             **newest,
         }
 
@@ -301,7 +342,7 @@ class AxisListener:
                 self.is_uncalibrated = result == _NOT_CALIBRATED
                 self._take_heartbeat(message.axis_error, message.state, received_ns)
             case m.EncoderEstimates():
-                self._estimates = message
+                self.origin.take(message, zeros_measure=self.search.found is Firmware.V0_6)
                 self.fresh.mark("estimates", received_ns)
             case m.Version():
                 before = self.search.found
@@ -324,6 +365,7 @@ class AxisListener:
         if self.gap_ns > self.stale_beat_ns:
             # It may have been switched off and on, with another configuration.
             self.proof.reset()
+            self.origin.is_connected = False
         self._beat_ns = received_ns
         self.fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)

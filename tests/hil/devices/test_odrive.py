@@ -3,128 +3,19 @@
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
-from functools import reduce
-from operator import xor
 from typing import Any
 
-import msgspec
 import pytest
 
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
-from segway_ecc.firmware_io.drives.odrive.messages import AxisState
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.device import Device
-from segway_ecc.hil.devices.odrive import SimulatedOdrive
+from segway_ecc.hil.devices.odrive import Release
+from tests.hil.devices.odrive_bench import CLOSED, IDLE, MS, Bench, clear, mode, of, state, torque
 
-MS = 1_000_000
-IDLE, CLOSED = AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL
 EXPIRED = {"0.5": 0x800, "0.6": 0x01000000}
 ESTOP = {"0.5": 0x4000, "0.6": 0x02000000}
 BOTH = pytest.mark.parametrize("firmware", ["0.5", "0.6"])
-
-
-class Recorder:
-    description = "recorded"
-    state = LinkState.ACTIVE
-    health: Mapping[str, str] = {}
-
-    def __init__(self) -> None:
-        self.counters = LinkCounters()
-        self.frames: list[Frame] = []
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def receive(self) -> list[Frame]:
-        return []
-
-    def send(self, frame: Frame) -> bool:
-        self.frames.append(frame)
-        return True
-
-
-class MemoryPort:
-    """The board's end of a serial line."""
-
-    def __init__(self) -> None:
-        self.arrived = b""
-        self.written = b""
-
-    @property
-    def in_waiting(self) -> int:
-        return len(self.arrived)
-
-    def read(self, size: int, /) -> bytes:
-        data, self.arrived = self.arrived[:size], self.arrived[size:]
-        return data
-
-    def write(self, data: bytes, /) -> int:
-        self.written += data
-        return len(data)
-
-    def close(self) -> None: ...
-
-
-class Bench:
-    """Two axes, a tick of 1 ms, and a plant by hand."""
-
-    def __init__(self, firmware: str = "0.5", **changes: Any) -> None:
-        wheel = {"node_id": 0, "axis": 0, "max_torque": 4.0, "torque_constant": 0.5}
-        right = {**wheel, "node_id": 1, "axis": 1, "direction": -1, "gear_ratio": 2.0}
-        described = {"type": "odrive", "firmware": firmware, "left": wheel, "right": right, **changes}
-        self.link, self.port = Recorder(), MemoryPort()
-        settings = msgspec.convert(described, OdriveSettings)
-        self.device = SimulatedOdrive(self.link, settings, self.port)
-        self.left, self.right = self.device.axes
-        self.now_ns = 0
-        self.outputs = dict.fromkeys(self.device.needs, 0.0)
-        self.torques: Sequence[float] = (0.0, 0.0)
-
-    def tick(self, *frames: Frame, times: int = 1) -> list[Frame]:
-        """Ticks, with frames in the first; what was sent in them."""
-        self.link.frames.clear()
-        for index in range(times):
-            self.torques = self.device.obey(frames if index == 0 else (), self.now_ns, self.outputs)
-            self.device.send_telemetry(self.now_ns, self.outputs)
-            self.now_ns += MS
-        return list(self.link.frames)
-
-    def say(self, text: str, end: str = "\n") -> bytes:
-        """A line with its checksum, and what was written back."""
-        self.port.written = b""
-        self.port.arrived = f"{text}*{reduce(xor, text.encode(), 0)}{end}".encode()
-        self.tick()
-        return self.port.written
-
-    def close_loop(self) -> None:
-        """Both axes to torque mode and closed loop."""
-        for node in (0, 1):
-            self.tick(mode(node, 1), torque(node, 0.0), clear(self.device.firmware, node), state(node, CLOSED))
-        self.tick(torque(0, 0.0), torque(1, 0.0), times=5)
-        assert (self.left.state, self.right.state) == (CLOSED, CLOSED)
-
-
-def torque(node: int, value: float) -> Frame:
-    return Frame(node << 5 | 0x0E, struct.pack("<fI", value, 0))
-
-
-def state(node: int, value: int, length: int = 8) -> Frame:
-    return Frame(node << 5 | 0x07, struct.pack("<II", value, 0)[:length])
-
-
-def mode(node: int, control: int, how: int = 1) -> Frame:
-    return Frame(node << 5 | 0x0B, struct.pack("<II", control, how))
-
-
-def clear(firmware: str, node: int) -> Frame:
-    return Frame(node << 5 | 0x18, b"" if firmware == "0.5" else b"\0")
-
-
-def of(frames: Sequence[Frame], identifier: int) -> list[Frame]:
-    return [frame for frame in frames if frame.arbitration_id == identifier]
 
 
 def test_is_a_device_for_both_wheels() -> None:
@@ -229,9 +120,30 @@ def test_closed_loop_needs_a_request_time_and_no_errors(firmware: str) -> None:
     assert bench.left.state is IDLE
     newest = of(frames, 0x01)[-1].data
     if firmware == "0.5":
-        assert newest[:5] == bytes((0x41, 0, 0, 0, 1)), "invalid state"
+        assert newest[:5] == bytes((0x40, 0, 0, 0, 1)), "no invalid state"
     else:
         assert newest[:6] == bytes((0x40, 0, 0, 0, 1, 13)), "procedure: invalid state"
+
+
+def test_0_5_enters_closed_loop_with_an_error_for_a_moment_and_gives_no_torque_in_it() -> None:
+    bench = Bench("0.5")
+    bench.left.latch(0x40)
+    bench.tick(mode(0, 1), torque(0, 1.0), state(0, CLOSED))
+    seen = []
+    for _ in range(4):
+        bench.tick(torque(0, 1.0))
+        seen.append((bench.left.state, bench.torques[0], bench.left.error))
+    assert seen == [(IDLE, 0.0, 0x40), (CLOSED, 0.0, 0x40), (IDLE, 0.0, 0x40), (IDLE, 0.0, 0x40)]
+
+
+@pytest.mark.parametrize(("firmware", "error", "result"), [("0.5", 0x1, 0), ("0.6", 0, 14)])
+def test_an_axis_that_is_not_calibrated_never_enters_closed_loop(firmware: str, error: int, result: int) -> None:
+    bench = Bench(firmware)
+    bench.left.is_calibrated = False
+    for _ in range(4):
+        bench.tick(torque(0, 0.0), state(0, CLOSED))
+        bench.tick(times=5)
+        assert (bench.left.state, bench.left.error, bench.left.procedure_result) == (IDLE, error, result)
 
 
 def test_entering_closed_loop_feeds_the_watchdog() -> None:
@@ -243,15 +155,24 @@ def test_entering_closed_loop_feeds_the_watchdog() -> None:
     assert bench.left.state is IDLE
 
 
-def test_an_error_on_one_axis_keeps_the_other_of_a_0_5_board_out_of_closed_loop() -> None:
-    old, new = Bench("0.5"), Bench("0.6")
-    for bench in (old, new):
-        bench.right.latch(0x8000)
-        bench.tick(state(0, CLOSED), times=4)
-    assert (old.left.state, old.left.error) == (IDLE, 0x1)
-    assert new.left.state is CLOSED
-    old.tick(clear("0.5", 0), state(0, CLOSED), times=4)
-    assert old.left.state is CLOSED
+@BOTH
+@pytest.mark.parametrize("bits", [0x40, 0x800])
+def test_an_error_on_one_axis_does_not_keep_the_other_out_of_closed_loop(firmware: str, bits: int) -> None:
+    bench = Bench(firmware)
+    bench.right.latch(bits)
+    bench.tick(state(0, CLOSED), times=4)
+    assert (bench.left.state, bench.left.error) == (CLOSED, 0)
+    assert (bench.right.state, bench.right.error) == (IDLE, bits)
+
+
+@BOTH
+def test_the_watchdogs_of_two_axes_are_independent(firmware: str) -> None:
+    bench = Bench(firmware)
+    bench.close_loop()
+    for _ in range(20):
+        bench.tick(torque(0, 0.5), times=10)
+    assert (bench.left.state, bench.left.error) == (CLOSED, 0)
+    assert (bench.right.state, bench.right.error) == (IDLE, EXPIRED[firmware])
 
 
 @BOTH
@@ -321,7 +242,7 @@ def test_torque_mode_gives_less_beyond_the_velocity_limit() -> None:
     bench.outputs["left.velocity"] = 2.0 * math.tau
     bench.tick(Frame(0x0F, struct.pack("<ff", 3.0, 50.0)), torque(0, 4.0))
     assert bench.torques[0] == pytest.approx(0.16)
-    bench.left.velocity_limit_rev_s = None
+    bench.left.enable_torque_mode_velocity_limit = False
     bench.tick(torque(0, 4.0))
     assert bench.torques[0] == 4.0
 
@@ -356,7 +277,7 @@ def test_after_power_on_an_axis_is_in_position_mode_where_torque_means_nothing()
 
 
 def test_angles_are_counted_from_power_on_in_steps_of_the_encoder() -> None:
-    bench = Bench()
+    bench = Bench(release=Release.V0_5_5)
     bench.outputs |= {"left.angle": 1.0, "right.angle": 1.0}
     bench.tick()
     bench.outputs |= {"left.angle": 1.0 + 0.3, "right.angle": 1.0 + 0.3, "right.velocity": math.pi}
@@ -377,7 +298,10 @@ def test_the_position_can_be_set(firmware: str, data: bytes) -> None:
     assert bench.left.position_rev == pytest.approx(1.0, abs=1 / 8192)
 
 
-ANSWERED = {"0.5": {0x03, 0x04, 0x09, 0x0A, 0x14, 0x17}, "0.6": {0x00, 0x03, 0x09, 0x14, 0x15, 0x17, 0x1C}}
+ANSWERED = {
+    "0.5": {0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1D},
+    "0.6": {0x00, 0x03, 0x09, 0x14, 0x15, 0x17, 0x1C},
+}
 
 
 @BOTH

@@ -11,7 +11,7 @@ from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import OfflineSeat
-from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
+from segway_ecc.hil.devices.odrive import DEFAULT_RELEASES, TICK_NS, SimulatedOdrive
 from segway_ecc.hil.plants.cart import CartTorquePlant
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig
@@ -43,7 +43,7 @@ class Bench:
         self.rig = LockstepRig(500_000)
         self.link = self.rig.bus.attach("node")
         device_link = self.rig.bus.attach("drives")
-        self.device = SimulatedOdrive(device_link, settings, firmware=runs)
+        self.device = SimulatedOdrive(device_link, settings, release=DEFAULT_RELEASES[runs])
         self.rig.attach(SimulatedRobot(device_link, [self.device], CartTorquePlant(), TICK_NS))
         self.drives = [Odrive(self.link, name, settings, 0.01, self.rig.now_ns) for name in ("left", "right")]
         for drive in self.drives:

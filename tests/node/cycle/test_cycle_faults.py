@@ -342,3 +342,23 @@ def test_model_that_gave_nan_is_initialized_when_the_fault_is_cleared() -> None:
     assert modes(bench)[1:] == [Mode.ARMED, *[Mode.FAULT] * 3, Mode.DISARMED, *[Mode.ARMED] * 3]
     outputs = [record.y[0] for record in bench.recorder.records]
     assert [math.isnan(value) for value in outputs] == [False, False, True, True, True, *[False] * 4]
+
+
+NEVER = Sensors((0.0,), (math.inf,), (False,), ready=False, unseen=("left.velocity",))
+
+
+@pytest.mark.parametrize(
+    ("once_ready", "mode"), [(FRESH, Mode.ARMED), (msgspec.structs.replace(NEVER, ready=True), Mode.DISARMED)]
+)
+def test_what_a_drive_measures_only_once_it_is_on_is_awaited_and_then_needed(
+    make_bench: Callable[..., Bench], once_ready: Sensors, mode: Mode
+) -> None:
+    bench = make_bench(arm_at_start=False)
+    bench.hardware.measured = NEVER
+    bench.stage.send_request(2, Action.ARM)
+    bench.clock.events[6] = lambda: setattr(bench.hardware, "measured", once_ready)
+    bench.loop.run(10)
+
+    assert modes(bench)[:6] == [Mode.DISARMED] * 6
+    assert modes(bench)[-1] is mode
+    assert [answer.accepted for answer in bench.stage.answers] == [mode is Mode.ARMED]

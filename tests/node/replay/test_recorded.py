@@ -11,7 +11,14 @@ from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import RobotFile, load_robot
-from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, Request, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import (
+    UNSEEN_CALL,
+    CycleRecord,
+    HardwareAnswer,
+    Inbox,
+    Request,
+    StampedSetpoint,
+)
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.recording.layout import layout_of
@@ -106,3 +113,20 @@ def test_the_model_starts_from_the_snapshot_that_it_started_from() -> None:
     hardware.pass_to(record)
 
     assert [hardware.exchange(zeros), hardware.exchange(zeros)] == [first, second]
+
+
+def test_signals_that_were_not_seen_before_the_motors_were_on_are_unseen_again() -> None:
+    robot, _, _ = scripted()
+    hardware = RecordedRobot(layout_of(robot))
+    answers = [HardwareAnswer(UNSEEN_CALL, ("left.angle",)), HardwareAnswer("obstacles", ("it is hot",))]
+    measured = Sensors((1.0,) * 5)
+    record = CycleRecord(
+        1, 0, Mode.DISARMED, 0, measured, Setpoint(0.0, 0.0), (), (), (0.0, 0.0), (), (), answers=answers
+    )
+    hardware.pass_to(record)
+    hardware.exchange(None)
+
+    assert hardware.exchange(None).values == measured.values
+    assert hardware.record is not None
+    assert hardware.record.sensors.unseen == ("left.angle",)
+    assert hardware.arming_failures() == ("it is hot",)

@@ -437,3 +437,15 @@ def test_an_imu_that_is_not_watched_is_credible() -> None:
     rig.values["imu.linear_acceleration_z"] = 100.0
     rig.run()
     assert rig.monitor.imu_is_credible
+
+
+def test_signals_that_drives_measure_only_with_the_motors_on_are_neither_stale_nor_at_rest() -> None:
+    rig = Rig(stale={"left.velocity", "right.velocity"}, used=(0, 1))
+    rig.run()
+    values, ages, valid = rig.snapshot
+    unseen = ("left.velocity", "right.velocity")
+    checks = {c.name: str(c) for c in rig.monitor.checklist(values, ages, valid, real_time=True, unseen=unseen)}
+    assert checks["sensors"] == "ok: all values are fresh"
+    assert "unseen" in checks
+    assert "wheels_still" not in checks
+    assert "too old" in rig.check()["sensors"], "the same is a reason against arming where nothing explains it"

@@ -182,3 +182,11 @@ def test_what_was_measured_and_found_stays_as_it_is(value: PreArmMeasurements | 
     for name in value.__struct_fields__:
         with pytest.raises(AttributeError):
             setattr(value, name, getattr(value, name))
+
+
+def test_what_is_measured_only_with_the_motors_on_is_a_warning_that_names_it() -> None:
+    item = run(replace(GOOD, wheels=(), unseen=("left.angle", "left.velocity")))["unseen"]
+    assert str(item) == (
+        "warning: not measured before the motors are on: left.angle, left.velocity; see that the wheels are at rest"
+    )
+    assert not item.refuses

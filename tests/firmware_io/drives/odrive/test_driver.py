@@ -65,7 +65,7 @@ class Bench:
     def beat(self, state: int = IDLE, error: int = 0) -> None:
         self.hear(0x01, struct.pack("<IBxxx", error, state))
 
-    def estimate(self, position: float = 0.0, velocity: float = 0.0) -> None:
+    def estimate(self, position: float = 0.5, velocity: float = 0.0) -> None:
         self.hear(0x09, struct.pack("<ff", position, velocity))
 
     def sent(self) -> list[Frame]:
@@ -678,3 +678,50 @@ def test_it_is_off_only_while_heartbeats_are_fresh_whatever_else_it_sends(bench:
         bench.estimate()
     said.append(bench.drive.is_off)
     assert said == [False, True, True, False]
+
+
+def test_zeros_before_closed_loop_are_no_measurement_and_delay_enabling_to_the_first_estimate(bench: Bench) -> None:
+    bench.prove()
+    bench.estimate(0.0, 0.0)
+    blind = bench.drive.read()
+    assert (blind.valid[:2], blind.ages[:2]) == ((False, False), (math.inf, math.inf))
+    assert blind.unseen == ("left.angle", "left.velocity")
+    assert bench.drive.arming_failures() == []
+
+    bench.drive.enable()
+    for _ in range(3):
+        bench.cycle()
+        bench.estimate(0.0, 0.0)
+    bench.beat(CLOSED)
+    enabled = [bench.drive.is_enabled]
+    bench.estimate(-1.75, 0.5)
+    enabled.append(bench.drive.is_enabled)
+    assert enabled == [False, True]
+    seen = bench.drive.read()
+    held = 0.5 * 2 * math.pi  # what it measured last
+    assert seen.values[:2] == pytest.approx((held, math.pi))
+    assert (seen.valid[:2], seen.unseen) == ((True, True), ())
+
+
+def test_a_wheel_that_stands_at_zero_in_closed_loop_is_seen_there(bench: Bench) -> None:
+    bench.prove()
+    bench.estimate(0.0, 0.0)
+    bench.drive.enable()
+    bench.cycle()
+    bench.now_ns += 20 * MS
+    bench.beat(CLOSED)
+    enabled = [bench.drive.is_enabled]
+    bench.estimate(0.0, 0.0)
+    enabled.append(bench.drive.is_enabled)
+    assert enabled == [False, True]
+
+
+def test_a_drive_that_may_have_restarted_is_blind_again(bench: Bench) -> None:
+    bench.arm()
+    bench.estimate(0.0, 0.0)
+    assert bench.drive.read().valid[1]
+    bench.drive.disable()
+    bench.now_ns += 100 * MS
+    bench.beat()
+    bench.estimate(0.0, 0.0)
+    assert not bench.drive.read().valid[1]
