@@ -161,7 +161,7 @@ class Controller:
             if sent_ns is None or now_ns - sent_ns >= round(1e9 / rate_hz):
                 self._sent_ns[number] = now_ns
                 if number == 1:
-                    status = Status(self._erpm, self.current, self._duty)
+                    status = Status(self._erpm, self._power_current, self._duty)
                     frames.append(frame_of(PacketId.STATUS, self.controller_id, status))
                 elif number == _TACHOMETER_MESSAGE:
                     status_5 = Status5(self._tachometer, self.bus_voltage)
@@ -174,7 +174,7 @@ class Controller:
     def reply(self, question: bytes) -> bytes:
         """The reply to a GET_VALUES or GET_VALUES_SELECTIVE packet."""
         values = dict.fromkeys(FIELD_NAMES, 0.0) | {
-            "motor_current": self.current,
+            "motor_current": self._power_current,
             "duty": self._duty,
             "erpm": self._erpm,
             "bus_voltage": self.bus_voltage,
@@ -201,6 +201,11 @@ class Controller:
             case PacketId.SET_POS:
                 return math.remainder(math.radians(target) - self._angle, TURN) * _POSITION_GAIN
         return target
+
+    @property
+    def _power_current(self) -> float:
+        """The motor current as it is reported: with the sign of the motor's power."""
+        return math.copysign(self.current, self.current * self._duty)
 
     @property
     def _duty(self) -> float:
