@@ -25,7 +25,9 @@ from segway_ecc.node.watchdog.watchdog import model_watchdog
 _OURS: Final = "segway_ecc."
 _PHYSICAL: Final = frozenset({"m", "kg", "kg m2", "Ohm", "H", "N m/A"})
 """Units of what is never negative where it is positive by default."""
-_FAR: Final = 100.0
+_FAR: Final = 50.0
+"""No gain of the packaged segways is stable at more than 44 times its design (steering; balance at 4.1; docs/segway).
+One in degrees where radians are wanted is 57 times as large."""
 _NOTED: Final = 10.0
 _SAME: Final = 0.1
 """Two figures of one length differ by no more than this part."""
@@ -33,6 +35,8 @@ _UNITS: Final = {
     name: "rad/s" if name.endswith("angular_velocity") else "m/s" if name.endswith("velocity") else "m"
     for name in (*ODOMETRY_SIGNALS, *SETPOINT_SIGNALS)
 } | {"odometry.heading": "rad"}
+_LIMITS: Final = {"tilt_rate_limit": "rad/s", "wheel_velocity_limit": "rad/s", "frozen_after_s": "s"}
+"""Plain limits of section safety, which the packaged robots of the same model have too."""
 _OF_DRIVES: Final = (
     "wheel_velocity_limit",
     "frozen_after_s",
@@ -87,6 +91,7 @@ def examine_robot(robot: Robot) -> Iterator[Finding]:
     """What is wrong with a robot that can be built; nothing is opened."""
     yield from _parameters(robot)
     yield from _lengths(robot)
+    yield from _limits(robot)
     yield from _start(robot)
     yield from _wiring(robot)
     yield from _checks(robot)
@@ -159,6 +164,27 @@ def _lengths(robot: Robot) -> Iterator[Finding]:
                     "the check trips without a fault, or sees none",
                     f"write the same length into safety.{key}.{name} and model.parameters",
                 )
+
+
+def _limits(robot: Robot) -> Iterator[Finding]:
+    """Limits of the checks that nothing reaches: by geometry, and against those of the packaged robots."""
+    safety, effect = robot.file.safety or NOTHING_WATCHED, "the check sees nothing"
+    tilt = safety.tilt_limit_rad
+    if tilt is not None and tilt > math.pi / 2.0:
+        found = f"{tilt:g} rad: at {math.pi / 2.0:.2f} rad any body lies on the ground"
+        yield bad(f"{_CHECKS}, tilt_limit_rad", found, effect, "write the angle, rad, at which the robot has fallen")
+    for name, unit in _LIMITS.items():
+        limit, designed = getattr(safety, name), _designed_limit(robot, name)
+        if limit is not None and designed is not None and limit >= _NOTED * designed:
+            grade = bad if limit >= _FAR * designed else warning
+            found = f"{limit:g} {unit}, the design has {designed:g} {unit}: {limit / designed:.3g} times that"
+            yield grade(f"{_CHECKS}, {name}", found, effect, f"correct safety.{name}")
+
+
+def _designed_limit(robot: Robot, name: str) -> float | None:
+    """The largest that a packaged robot of the same model has."""
+    limits = [getattr(file.safety, name) for file in _packaged(robot.file.model.source) if file.safety is not None]
+    return max((limit for limit in limits if limit is not None), default=None)
 
 
 def _start(robot: Robot) -> Iterator[Finding]:

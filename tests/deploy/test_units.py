@@ -119,6 +119,10 @@ def test_a_robot_that_balances_has_the_time_to_sit_down_before_it_is_killed() ->
     assert "segway-ecc-guard.service" in unit("node")["Unit"]["After"][0]
 
 
+def test_the_kernel_may_ask_the_model_s_watchdog_before_the_node_ends() -> None:
+    assert "seccomp" in unit("node")["Service"]["SystemCallFilter"][0].split()
+
+
 def test_only_the_node_itself_notifies_systemd() -> None:
     service = unit("node")["Service"]
     assert service["Type"] == ["notify"]

@@ -102,6 +102,7 @@ def test_nothing_is_wrong_with_what_ships(segway_ecc: Callable[..., Outcome], na
     [
         ("segway", "SentGain", -0.188442, Verdict.BAD, "-0.188442, the design has 0.188442: reversed"),
         ("segway-odrive", "PitchGain", -1234.46, Verdict.BAD, "-1234.46 N m/rad, the design has -12.3446 N m/rad: 100"),
+        ("segway", "PitchGain", -707.3, Verdict.BAD, "57.3 times that"),
         ("segway", "PitchGain", -150.0, Verdict.WARNING, "12.2 times that"),
         ("segway", "IntegralGain", 0.0, Verdict.WARNING, "0 N/s, the design has -0.906623 N/s: nothing"),
         ("segway", "IntegralGain", -0.05, Verdict.WARNING, "0.0551 times that"),
@@ -215,6 +216,25 @@ def test_checks_for_another_robot_s_lengths_are_warned_of(key: str) -> None:
     file = with_safety("segway", msgspec.structs.replace(safety, **{key: other}))
     finding = found_in(file)[f"robot file: safety, {key}.wheel_radius"]
     assert (finding.verdict, finding.found) == (Verdict.WARNING, "0.5 m, the model has 0.05 m")
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "verdict", "found"),
+    [
+        ("tilt_limit_rad", 3.0, Verdict.BAD, "3 rad: at 1.57 rad any body lies on the ground"),
+        ("tilt_limit_rad", 1e6, Verdict.BAD, "1e+06 rad: at 1.57 rad any body lies on the ground"),
+        ("tilt_rate_limit", 80.0, Verdict.WARNING, "80 rad/s, the design has 8 rad/s: 10 times that"),
+        ("wheel_velocity_limit", 1e5, Verdict.BAD, "100000 rad/s, the design has 60 rad/s: 1.67e+03 times that"),
+    ],
+)
+def test_a_limit_that_nothing_reaches_is_found(name: str, limit: float, verdict: Verdict, found: str) -> None:
+    safety = load_robot("segway").safety
+    assert safety is not None
+    finding = found_in(with_safety("segway", msgspec.structs.replace(safety, **{name: limit})))
+    assert (finding[f"robot file: safety, {name}"].verdict, finding[f"robot file: safety, {name}"].found) == (
+        verdict,
+        found,
+    )
 
 
 def test_a_user_s_model_has_no_design_of_ours_and_is_mostly_warned_of(ours: Callable[..., RobotFile]) -> None:
