@@ -15,7 +15,14 @@ from segway_ecc.firmware_io.drives.vesc import frames as vesc
 from segway_ecc.firmware_io.drives.vesc.frames import PacketId
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board import frames as wheel_board
-from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
+    BoardSession,
+    BoardState,
+    BoardStatus,
+    FrameId,
+    WheelCommand,
+)
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandReceiver, CommandSession
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -29,6 +36,8 @@ _VESC_OTHERS: Final = frozenset(
 """What the node does not send: whoever does wants the motor to do something."""
 _BOARD_OFF: Final = WheelCommand(0.0, 0.0, enable=False)
 _BOARD_BURST: Final = 2
+_ANY_AHEAD: Final = 0x7FFF
+"""All that the bits of a counter can say: who looks in on a session knows only those that the board announces."""
 
 
 @enum.unique
@@ -227,3 +236,47 @@ class WheelBoardStopper:
                 Frame(FrameId.WHEEL_COMMAND, wheel_board.encode(FrameId.WHEEL_COMMAND, _BOARD_OFF, self._counter))
             )
         return frames
+
+
+class SessionBoardStopper:
+    """A wheel board of version 2; see `Stopper`. It takes the session from the board, and the counter from the node.
+
+    The board takes no count twice: stop frames go on from the node's last command, and overtake a node that goes on
+    too. They come twice, as should a command of the node have been missed the first would be refused.
+    """
+
+    drives: Sequence[str] = ("board",)
+    reports = True
+
+    def __init__(self) -> None:
+        """Know nothing of the session."""
+        self._session = CommandSession()
+        self._receiver = CommandReceiver(self._session, _ANY_AHEAD)
+
+    def read(self, frame: Frame) -> Observation | None:
+        """What a frame means; see `Stopper.read`."""
+        if frame.is_extended or frame.arbitration_id not in (FrameId.BOARD_STATUS, FrameId.BOARD_SESSION):
+            match self._receiver.check(frame):
+                case WheelCommand(enable=enables):
+                    return Observation("board", Meaning.MOVE if enables else Meaning.DISABLE)
+            return None
+        try:
+            payload, _ = wheel_board.decode(frame.arbitration_id, frame.data)
+        except FrameRefusedError:
+            return None
+        if isinstance(payload, BoardSession):
+            self._enter(payload)
+        if isinstance(payload, BoardStatus):
+            return Observation("board", Meaning.ON if payload.state is BoardState.ENABLED else Meaning.OFF)
+        return None
+
+    def stop(self) -> Sequence[Frame]:
+        """Zero with the motors off, twice; see `Stopper.stop`. None before the board has announced its session."""
+        if not self._session.is_begun:
+            return ()
+        return [frame for _ in range(_BOARD_BURST) for frame in self._session.command(_BOARD_OFF)]
+
+    def _enter(self, announced: BoardSession) -> None:
+        session = self._session
+        if not session.is_begun or announced.number != session.number or announced.epoch > session.epoch:
+            session.begin(announced.number, announced.epoch)

@@ -10,7 +10,14 @@ from typing import Final, Protocol
 from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.stopper import Cia402Stopper, OdriveStopper, Stopper, VescStopper, WheelBoardStopper
+from segway_ecc.firmware_io.drives.stopper import (
+    Cia402Stopper,
+    OdriveStopper,
+    SessionBoardStopper,
+    Stopper,
+    VescStopper,
+    WheelBoardStopper,
+)
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import LinkLostError
@@ -139,6 +146,8 @@ def describe(done: Intervention) -> str:
 def stopper_of(settings: HardwareSettings) -> Stopper:
     """What reads and stops the drives that a robot file describes."""
     match settings:
+        case WheelBoardSettings(protocol=2):
+            return SessionBoardStopper()
         case WheelBoardSettings():
             return WheelBoardStopper()
         case OdriveSettings():

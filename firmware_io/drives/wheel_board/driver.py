@@ -20,6 +20,7 @@ from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_VOLTAGE,
+    BoardSession,
     BoardSetup,
     BoardState,
     BoardStatus,
@@ -27,6 +28,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     FrameId,
     WheelCommand,
 )
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandId, CommandSession
 from segway_ecc.firmware_io.drives.wheel_board.settings import WATCHDOG_ALLOWED_S, WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
@@ -59,6 +61,11 @@ class WheelBoard(PhasedDrive):
         super().__init__(now_ns)
         measured = {**_WHEELS, **_IMU} if settings.imu else _WHEELS
         telemetry = frozenset({*measured, FrameId.BOARD_STATUS})
+        self._session: CommandSession | None = None
+        if settings.protocol == 2:  # noqa: PLR2004 - the version
+            self._session = CommandSession()
+            self.commanded_by = frozenset(FrameKey(command_id) for command_id in CommandId)
+            telemetry |= {FrameId.BOARD_SESSION}
         self.signals: Mapping[str, str] = {
             **{k: v for signals in measured.values() for k, v in signals.items()},
             SUPPLY_VOLTAGE: "V",
@@ -99,6 +106,8 @@ class WheelBoard(PhasedDrive):
                 # The board was switched on after us, or missed the frame.
                 self._set_up()
             self._off_ns = received_ns if payload.state is not BoardState.ENABLED else None
+        elif isinstance(payload, BoardSession):
+            self._enter(payload)
         else:
             self._newest[frame.arbitration_id] = astuple(payload)
         return True
@@ -122,6 +131,8 @@ class WheelBoard(PhasedDrive):
         if not self._fresh.age(FrameId.BOARD_STATUS)[1]:
             return [f"the wheel board does not answer on {self._link.description}; is it powered and on this bus?"]
         reasons = []
+        if self._session is not None and not self._fresh.age(FrameId.BOARD_SESSION)[1]:
+            reasons.append("the board does not send BOARD_SESSION; has its firmware version 2? if not, set protocol: 1")
         low, high = WATCHDOG_ALLOWED_S
         if not low - _WATCHDOG_RESOLUTION_S <= self._status.watchdog_s <= high + _WATCHDOG_RESOLUTION_S:
             reasons.append(
@@ -185,11 +196,29 @@ class WheelBoard(PhasedDrive):
             "bus_voltage_v": f"{self._status.bus_voltage:.3f}",
             "watchdog_s": f"{self._status.watchdog_s:.3f}",
             "refused_frames": str(self._status.refused_frames),
+            **({} if self._session is None else {"session": str(self._session.number)}),
             **self._fresh.health,
         }
 
+    def _enter(self, announced: BoardSession) -> None:
+        """Enter a session that the board has begun; while it follows commands it begins none."""
+        session = self._session
+        if session is None or self._enabling.phase is Phase.ENABLED:
+            return
+        if not session.is_begun or announced.number != session.number:
+            session.begin(announced.number, announced.epoch)
+
     def _send(self, command: WheelCommand) -> None:
-        self._endpoint.send(FrameId.WHEEL_COMMAND, command)
+        session = self._session
+        if session is None:
+            self._endpoint.send(FrameId.WHEEL_COMMAND, command)
+        elif session.is_begun:
+            for frame in session.command(command):
+                self._link.send(frame)
 
     def _set_up(self) -> None:
-        self._endpoint.send(FrameId.BOARD_SETUP, BoardSetup(self._watchdog_s))
+        session, setup = self._session, BoardSetup(self._watchdog_s)
+        if session is None:
+            self._endpoint.send(FrameId.BOARD_SETUP, setup)
+        elif session.is_begun:
+            self._link.send(session.setup(setup))

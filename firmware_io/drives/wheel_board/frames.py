@@ -33,6 +33,7 @@ _SETUP: Final = struct.Struct("<HxxxxB")
 _WHEEL: Final = struct.Struct("<ihB")
 _STATUS: Final = struct.Struct("<BHHBB")
 _AXES: Final = struct.Struct("<hhhB")
+_SESSION: Final = struct.Struct("<IHB")
 _ROUND_TO_INTEGER: Final = 1.5 * 2.0**52
 """Rounds when it is added and subtracted again: a float between 2**52 and 2**53 has 52 bits after its first, none of
 which is left for a fraction, so the sum of this and a number below 2**51 is rounded to a whole number by the processor,
@@ -53,6 +54,7 @@ class FrameId(enum.IntEnum):
     IMU_GYRO = 0x122
     IMU_ACCELERATION = 0x123
     BOARD_STATUS = 0x130
+    BOARD_SESSION = 0x131
 
 
 CYCLE_TIME_S: Final = {
@@ -62,6 +64,7 @@ CYCLE_TIME_S: Final = {
     FrameId.IMU_GYRO: 0.005,
     FrameId.IMU_ACCELERATION: 0.005,
     FrameId.BOARD_STATUS: 0.020,
+    FrameId.BOARD_SESSION: 0.020,
 }
 """How often each cyclic frame is sent."""
 
@@ -124,7 +127,17 @@ class BoardStatus(Value, frozen=True):
     refused_frames: int
 
 
-Payload = WheelCommand | BoardSetup | Wheel | AngularVelocity | LinearAcceleration | BoardStatus
+class BoardSession(Value, frozen=True):
+    """The session that commands of version 2 belong to (`session`), and the upper bits of the newest one's counter.
+
+    Modulo 2**32 and 2**16.
+    """
+
+    number: int
+    epoch: int
+
+
+Payload = BoardSession | WheelCommand | BoardSetup | Wheel | AngularVelocity | LinearAcceleration | BoardStatus
 
 
 def _steps(value: float, step: float, low: float, high: float) -> int:
@@ -134,30 +147,49 @@ def _steps(value: float, step: float, low: float, high: float) -> int:
     return int(value / step + _ROUND_TO_INTEGER - _ROUND_TO_INTEGER)
 
 
+def voltage_steps(voltage: float) -> int:
+    """A motor's voltage, V, as on the wire; ValueError where it is out of range."""
+    return _steps(voltage, _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE)
+
+
+def voltage_value(steps: int) -> float:
+    """A motor's voltage, V, from the wire; ValueError where it is out of range."""
+    voltage = steps * _VOLT
+    if abs(voltage) > MAX_VOLTAGE:
+        raise ValueError
+    return voltage
+
+
+def watchdog_steps(watchdog_s: float) -> int:
+    """The watchdog's time, s, as on the wire; ValueError where it is out of range."""
+    return _steps(watchdog_s, _SECOND, MIN_WATCHDOG_S, MAX_WATCHDOG_S)
+
+
+def watchdog_value(steps: int) -> float:
+    """The watchdog's time, s, from the wire; ValueError where it is out of range."""
+    watchdog_s = steps * _SECOND
+    if not MIN_WATCHDOG_S <= watchdog_s <= MAX_WATCHDOG_S:
+        raise ValueError
+    return watchdog_s
+
+
 def _pack_command(payload: WheelCommand, counter: int) -> bytes:
-    left = _steps(payload.left_voltage, _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE)
-    right = _steps(payload.right_voltage, _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE)
+    left, right = voltage_steps(payload.left_voltage), voltage_steps(payload.right_voltage)
     return _COMMAND.pack(left, right, payload.enable, counter)
 
 
 def _unpack_command(body: bytes) -> WheelCommand:
-    left_steps, right_steps, flags, _ = _COMMAND.unpack(body)
-    left, right = left_steps * _VOLT, right_steps * _VOLT
-    if abs(left) > MAX_VOLTAGE or abs(right) > MAX_VOLTAGE:
-        raise ValueError
-    return WheelCommand(left, right, bool(flags & 1))
+    left, right, flags, _ = _COMMAND.unpack(body)
+    return WheelCommand(voltage_value(left), voltage_value(right), bool(flags & 1))
 
 
 def _pack_setup(payload: BoardSetup, counter: int) -> bytes:
-    return _SETUP.pack(_steps(payload.watchdog_s, _SECOND, MIN_WATCHDOG_S, MAX_WATCHDOG_S), counter)
+    return _SETUP.pack(watchdog_steps(payload.watchdog_s), counter)
 
 
 def _unpack_setup(body: bytes) -> BoardSetup:
-    watchdog_steps, _ = _SETUP.unpack(body)
-    watchdog_s = watchdog_steps * _SECOND
-    if not MIN_WATCHDOG_S <= watchdog_s <= MAX_WATCHDOG_S:
-        raise ValueError
-    return BoardSetup(watchdog_s)
+    steps, _ = _SETUP.unpack(body)
+    return BoardSetup(watchdog_value(steps))
 
 
 def _pack_wheel(payload: Wheel, counter: int) -> bytes:
@@ -213,6 +245,15 @@ def _unpack_status(body: bytes) -> BoardStatus:
     return BoardStatus(BoardState(state & 0x07), volts, seconds, refused)
 
 
+def _pack_session(payload: BoardSession, counter: int) -> bytes:
+    return _SESSION.pack(payload.number & 0xFFFFFFFF, payload.epoch & 0xFFFF, counter)
+
+
+def _unpack_session(body: bytes) -> BoardSession:
+    number, epoch, _ = _SESSION.unpack(body)
+    return BoardSession(number, epoch)
+
+
 # Functions in tables and not methods of the payloads: compiled, a method of a class of msgspec's is dearer than plain.
 _PACK: Final[dict[int, Callable[[Any, int], bytes]]] = {
     FrameId.WHEEL_COMMAND: _pack_command,
@@ -222,6 +263,7 @@ _PACK: Final[dict[int, Callable[[Any, int], bytes]]] = {
     FrameId.IMU_GYRO: _pack_axes,
     FrameId.IMU_ACCELERATION: _pack_axes,
     FrameId.BOARD_STATUS: _pack_status,
+    FrameId.BOARD_SESSION: _pack_session,
 }
 """The first seven bytes of each frame from its payload and counter; ValueError where a value is out of range."""
 _UNPACK: Final[dict[int, Callable[[bytes], Payload]]] = {
@@ -232,6 +274,7 @@ _UNPACK: Final[dict[int, Callable[[bytes], Payload]]] = {
     FrameId.IMU_GYRO: _unpack_gyro,
     FrameId.IMU_ACCELERATION: _unpack_acceleration,
     FrameId.BOARD_STATUS: _unpack_status,
+    FrameId.BOARD_SESSION: _unpack_session,
 }
 """The payload of each frame from its first seven bytes; ValueError where a value is out of range or has no name."""
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Settings in a robot file for a wheel board."""
 
-from typing import Final
+from typing import Final, Literal
 
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings
@@ -11,10 +11,15 @@ WATCHDOG_ALLOWED_S: Final = (0.02, 0.05)
 
 
 class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_board"):
-    """Our own wheel board: a serial line to fall back on, and whether it has an IMU and sends what it measures."""
+    """Our own wheel board: a serial line to fall back on, and whether it has an IMU and sends what it measures.
+
+    Attributes:
+        protocol: Version of its commands. In 2 they are bound to a session, by which noise and recordings are refused.
+    """
 
     serial: SerialSettings | None = None
     imu: bool = False
+    protocol: Literal[1, 2] = 1
 
     def __post_init__(self) -> None:
         """Refuse two IMUs, whose signals would have the same names."""

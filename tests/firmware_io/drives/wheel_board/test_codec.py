@@ -7,7 +7,7 @@ import re
 import runpy
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from segway_ecc.firmware_io.drives.wheel_board import codec
 from segway_ecc.firmware_io.drives.wheel_board.codec import CodecError, generate, main
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
+    BoardSession,
     BoardSetup,
     BoardState,
     BoardStatus,
@@ -34,6 +35,13 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
 from segway_ecc.firmware_io.integrity import CounterCheck
 
 NAMES = ["wheel_board.c", "wheel_board.h", "wheel_board_protection.c", "wheel_board_protection.h"]
+NUMBERS_ONLY: Mapping[FrameId, Callable[..., Payload]] = {
+    FrameId.BOARD_SETUP: BoardSetup,
+    FrameId.LEFT_WHEEL: Wheel,
+    FrameId.RIGHT_WHEEL: Wheel,
+    FrameId.IMU_GYRO: AngularVelocity,
+    FrameId.IMU_ACCELERATION: LinearAcceleration,
+}
 TAKEN, LENGTH, CRC, COUNTER = range(4)
 ROUNDS = 200
 
@@ -157,16 +165,12 @@ def _payload(frame_id: FrameId, values: Sequence[float]) -> Payload:
     match frame_id:
         case FrameId.WHEEL_COMMAND:
             return WheelCommand(values[0], values[1], enable=bool(values[2]))
-        case FrameId.BOARD_SETUP:
-            return BoardSetup(*values)
-        case FrameId.LEFT_WHEEL | FrameId.RIGHT_WHEEL:
-            return Wheel(*values)
-        case FrameId.IMU_GYRO:
-            return AngularVelocity(*values)
-        case FrameId.IMU_ACCELERATION:
-            return LinearAcceleration(*values)
         case FrameId.BOARD_STATUS:
             return BoardStatus(BoardState(int(values[0])), values[1], values[2], int(values[3]))
+        case FrameId.BOARD_SESSION:
+            return BoardSession(int(values[0]), int(values[1]))
+        case _:
+            return NUMBERS_ONLY[frame_id](*values)
 
 
 def _drawn() -> list[tuple[FrameId, list[float]]]:

@@ -9,6 +9,7 @@ import pytest
 
 from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 from segway_ecc.firmware_io.drives.wheel_board.frames import CYCLE_TIME_S, BoardState, FrameId
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandId
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Link
 
@@ -17,13 +18,15 @@ with as_file(files("segway_ecc.firmware_io.drives.wheel_board") / "wheel_board.d
 
 
 def test_the_dbc_has_exactly_our_frames() -> None:
-    ours = {(frame_id.name, int(frame_id), 8, False) for frame_id in FrameId}
+    ours = {(frame_id.name, int(frame_id), 8, False) for frame_id in (*FrameId, *CommandId)}
     assert {(m.name, m.frame_id, m.length, m.is_extended_frame) for m in DBC.messages} == ours
 
 
 def test_cycle_times_are_the_dbcs() -> None:
     cyclic = {m.name: m.cycle_time for m in DBC.messages if m.cycle_time}
-    assert {frame_id.name: round(period * 1000) for frame_id, period in CYCLE_TIME_S.items()} == cyclic
+    ours = {frame_id.name: round(period * 1000) for frame_id, period in CYCLE_TIME_S.items()}
+    halves = dict.fromkeys(("LEFT_COMMAND", "RIGHT_COMMAND"), ours["WHEEL_COMMAND"])
+    assert {**ours, **halves} == cyclic
 
 
 def test_states_are_the_dbcs() -> None:
@@ -42,6 +45,9 @@ def test_units_are_si_and_the_drivers(driver: WheelBoard) -> None:
         "WHEEL_COMMAND.LeftVoltage": driver.commands["left.voltage"],
         "WHEEL_COMMAND.RightVoltage": driver.commands["right.voltage"],
         "BOARD_SETUP.Watchdog": "s",
+        "SESSION_SETUP.Watchdog": "s",
+        "LEFT_COMMAND.Voltage": driver.commands["left.voltage"],
+        "RIGHT_COMMAND.Voltage": driver.commands["right.voltage"],
         "LEFT_WHEEL.Angle": driver.signals["left.angle"],
         "LEFT_WHEEL.Velocity": driver.signals["left.velocity"],
         "RIGHT_WHEEL.Angle": driver.signals["right.angle"],

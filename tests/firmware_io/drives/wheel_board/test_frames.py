@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
+    BoardSession,
     BoardSetup,
     BoardState,
     BoardStatus,
@@ -42,6 +43,7 @@ TYPES: Mapping[FrameId, type[Payload]] = {
     FrameId.IMU_GYRO: AngularVelocity,
     FrameId.IMU_ACCELERATION: LinearAcceleration,
     FrameId.BOARD_STATUS: BoardStatus,
+    FrameId.BOARD_SESSION: BoardSession,
 }
 SAMPLES: Mapping[FrameId, Payload] = {
     FrameId.WHEEL_COMMAND: WheelCommand(12.345, -6.789, enable=True),
@@ -51,6 +53,7 @@ SAMPLES: Mapping[FrameId, Payload] = {
     FrameId.IMU_GYRO: AngularVelocity(-31.999, 0.001, 4.5),
     FrameId.IMU_ACCELERATION: LinearAcceleration(0.005, -159.995, 9.805),
     FrameId.BOARD_STATUS: BoardStatus(BoardState.WATCHDOG, 36.0, 0.05, 255),
+    FrameId.BOARD_SESSION: BoardSession(0xFEDCBA98, 0x7654),
 }
 
 
@@ -66,6 +69,8 @@ def _signals(payload: Payload) -> Signals:
             return {"X": x, "Y": y, "Z": z}
         case BoardStatus(state, bus_voltage, watchdog_s, refused):
             return {"State": state, "BusVoltage": bus_voltage, "Watchdog": watchdog_s, "RefusedFrames": refused}
+        case BoardSession(number, epoch):
+            return {"Session": number, "Epoch": epoch}
 
 
 def _payload(frame_id: FrameId, signals: Mapping[str, Any]) -> Payload:
