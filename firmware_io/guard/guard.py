@@ -9,10 +9,14 @@ from typing import Final, Protocol
 
 from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import Clock
+from segway_ecc.firmware_io.drives.cia402.stopper import Cia402Stopper
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.stopper import Cia402Stopper, OdriveStopper, Stopper, VescStopper, WheelBoardStopper
+from segway_ecc.firmware_io.drives.odrive.stopper import OdriveStopper
+from segway_ecc.firmware_io.drives.stopper import Stopper
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.vesc.stopper import VescStopper
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.drives.wheel_board.stopper import WheelBoardStopper
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.guard.watch import Intervention, Watch
 from segway_ecc.firmware_io.links.link import Frame, Link
