@@ -8,10 +8,7 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, graded, warning
 from segway_ecc.firmware_io.build import serial_of
-from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.drives.family import family_of
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, socketcan_interfaces
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.serial_link import open_remedy
@@ -124,18 +121,10 @@ def _controller(title: str, state: InterfaceState, wanted: int | None, command: 
 
 def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
     """How long a drive goes on by itself, how that is made sure, and whether it outlasts a late cycle."""
-    match workload.hardware:
-        case None:
-            yield good("drives' watchdogs", "no drives" if workload.robot is not None else "no robot is named")
-            return
-        case WheelBoardSettings(watchdog_s=seconds):
-            how = "set by the node, and read back before it arms"
-        case OdriveSettings(watchdog_s=seconds):
-            how = "set with odrivetool; the node has each axis prove it before it arms"
-        case VescSettings(timeout_set_s=seconds):
-            how = "set with VESC Tool; the node measures it before it arms"
-        case Cia402Settings(watchdog_s=seconds):
-            how = "a heartbeat time that the node sets, and reads back before it arms"
+    if workload.hardware is None:
+        yield good("drives' watchdogs", "no drives" if workload.robot is not None else "no robot is named")
+        return
+    seconds, how = family_of(workload.hardware).watchdog(workload.hardware)
     period_s, found = workload.period_ns * 1e-9, f"{seconds * 1e3:g} ms, {how}"
     fits = seconds >= _CYCLES * period_s
     yield graded(

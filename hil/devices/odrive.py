@@ -14,6 +14,7 @@ from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices._odrive_axis import ESTOP, AsciiPort, SimulatedAxis
 from segway_ecc.hil.devices.device import supply_voltage
+from segway_ecc.hil.devices.family import SimulatedDrives
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
@@ -217,3 +218,21 @@ class SimulatedOdrive:
 
     def _send(self, axis: SimulatedAxis, kind: type[Message]) -> None:
         self._link.send(encode(self.firmware, axis.node_id, _TELEMETRY[kind](axis)))
+
+
+def _press_stop(drives: SimulatedOdrive, pressed: bool) -> None:  # noqa: FBT001 - as the rig calls it
+    if drives.is_on == pressed:
+        (drives.switch_off if pressed else drives.switch_on)()
+
+
+def _lose_watchdog(drives: SimulatedOdrive) -> None:
+    for axis in drives.axes:
+        axis.watchdog_s = None
+
+
+SIMULATED: Final[SimulatedDrives[OdriveSettings, SimulatedOdrive]] = SimulatedDrives(
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedOdrive(link, settings, port),
+    press_stop=_press_stop,
+    lose_watchdog=_lose_watchdog,
+)
