@@ -1,11 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The settings of a robot's hardware made into its parts.
+"""The settings of a robot's hardware made into its parts."""
 
-The parts of a family are imported where one is built: a robot starts without those of the others, in half the time.
-"""
-# ruff: noqa: PLC0415 - see above
-
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import msgspec
@@ -13,25 +8,21 @@ import msgspec
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.command_gate import CommandGate
-from segway_ecc.firmware_io.devices import Drive, Sensor
-from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.drives.family import family_of
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.firmware_io.heartbeat import BusOwner
+from segway_ecc.firmware_io.imus.family import imu_of
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
+from segway_ecc.firmware_io.settings import BusSettings
 
 if TYPE_CHECKING:
     from segway_ecc.firmware_io.links.serial_link import OpenPort, SerialCodec
 
 _STALE_PERIODS: Final = 3
 """Of a loop so slow that its drives' watchdog would not do: commands may be as late as this."""
-HardwareSettings = WheelBoardSettings | VescSettings | Cia402Settings | OdriveSettings
-"""The drive families, distinguished by `type` in the robot file."""
 
 
 def can_link(settings: CanSettings, clock: Clock) -> Link:
@@ -40,7 +31,7 @@ def can_link(settings: CanSettings, clock: Clock) -> Link:
 
 
 def make_link(
-    settings: HardwareSettings, clock: Clock, bus: Link | None = None, open_port: "OpenPort | None" = None
+    settings: BusSettings, clock: Clock, bus: Link | None = None, open_port: "OpenPort | None" = None
 ) -> Link:
     """The way to the drives that a robot file describes: a bus, with a serial line to fall back on where it has one.
 
@@ -50,18 +41,19 @@ def make_link(
     serial = serial_of(settings)
     if serial is None:
         return first
-    from segway_ecc.firmware_io.links.serial_link import SerialLink, open_serial_port
+    # Here, since a robot without such a line starts without pyserial.
+    from segway_ecc.firmware_io.links.serial_link import SerialLink, open_serial_port  # noqa: PLC0415
 
     second = SerialLink(serial, serial_codec(settings), clock.now_ns, open_port or open_serial_port)
     return RedundantLink(first, second, clock.now_ns, round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
 
 
-def takes_serial(settings: HardwareSettings) -> bool:
+def takes_serial(settings: BusSettings) -> bool:
     """Whether the drive family has a serial line, be one named or not."""
     return "serial" in settings.__struct_fields__
 
 
-def with_port(settings: HardwareSettings, port: str) -> HardwareSettings:
+def with_port(settings: BusSettings, port: str) -> BusSettings:
     """The settings with their serial line at another port; where they name none, one like any other.
 
     Raises:
@@ -73,49 +65,33 @@ def with_port(settings: HardwareSettings, port: str) -> HardwareSettings:
     return msgspec.structs.replace(settings, serial=serial)
 
 
-def serial_of(settings: HardwareSettings) -> SerialSettings | None:
+def serial_of(settings: BusSettings) -> SerialSettings | None:
     """The serial line of a drive family; None where it has none or none is named."""
     serial: SerialSettings | None = getattr(settings, "serial", None)
     return serial
 
 
-def serial_codec(settings: HardwareSettings) -> "SerialCodec":
+def serial_codec(settings: BusSettings) -> "SerialCodec":
     """What a drive family speaks on its serial line.
 
     Raises:
         ValueError: It has none; see `takes_serial`.
     """
-    match settings:
-        case WheelBoardSettings():
-            from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
-
-            return BoardSerialCodec()
-        case Cia402Settings():
-            raise ValueError("CiA 402 drives have no serial line")
-        case VescSettings():
-            from segway_ecc.firmware_io.drives.vesc.serial_codec import VescSerialCodec
-
-            return VescSerialCodec(settings)
-        case OdriveSettings():
-            from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec
-
-            return OdriveSerialCodec(settings)
+    codec = family_of(settings).serial_codec
+    if codec is None:
+        raise ValueError(f"{settings.__struct_config__.tag} drives have no serial line")
+    return codec(settings)
 
 
-def build_hardware(
-    settings: HardwareSettings, loop_period_s: float, clock: Clock, link: Link | None = None
-) -> Hardware:
+def build_hardware(settings: BusSettings, loop_period_s: float, clock: Clock, link: Link | None = None) -> Hardware:
     """The drives and sensors that a robot file describes, exchanged with once in each loop period, s.
 
     `link` is used instead of what the settings name, as the rig does.
     """
     used = make_link(settings, clock) if link is None else link
-    drives, sensors = _devices(settings, used, loop_period_s, clock)
+    drives = family_of(settings).drives(settings, used, loop_period_s, clock)
     imu = settings.external_imu
-    if imu is not None:
-        from segway_ecc.firmware_io.imus.xsens_mti.driver import XsensMti
-
-        sensors = [*sensors, XsensMti(used, imu, loop_period_s, clock.now_ns, settings.ride_through_s)]
+    sensors = [] if imu is None else [imu_of(imu).sensor(imu, used, loop_period_s, clock, settings.ride_through_s)]
     # What runs on a link of the rig is alone there, has no guard, and must be the same every time.
     owner = None
     if link is None:
@@ -123,25 +99,3 @@ def build_hardware(
     stale_ns = round(max(settings.watchdog_s, _STALE_PERIODS * loop_period_s) * 1e9)
     gate = CommandGate(drives, owner, stale_ns, clock.now_ns)
     return Assembly(used, drives, sensors, clock.now_ns, gate=gate)
-
-
-def _devices(
-    settings: HardwareSettings, link: Link, period_s: float, clock: Clock
-) -> tuple[Sequence[Drive], Sequence[Sensor]]:
-    match settings:
-        case WheelBoardSettings():
-            from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
-
-            return [WheelBoard(link, settings, period_s, clock.now_ns)], []
-        case VescSettings():
-            from segway_ecc.firmware_io.drives.vesc.driver import Vesc
-
-            return [Vesc(link, name, settings, period_s, clock.now_ns) for name in ("left", "right")], []
-        case OdriveSettings():
-            from segway_ecc.firmware_io.drives.odrive.driver import Odrive
-
-            return [Odrive(link, name, settings, period_s, clock.now_ns) for name in ("left", "right")], []
-        case Cia402Settings():
-            from segway_ecc.firmware_io.drives.cia402.driver import Cia402Pair
-
-            return [Cia402Pair(link, settings, period_s, clock.now_ns, clock.sleep_until_ns)], []

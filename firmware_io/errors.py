@@ -32,3 +32,7 @@ class ArmingRefusedError(HardwareError):
         """Keep the reasons and join them into the text."""
         self.reasons = tuple(reasons)
         super().__init__("; ".join(reasons))
+
+
+class PluginError(HardwareError):
+    """A drive family, an IMU or a simulated device is not installed, or cannot be imported or used."""

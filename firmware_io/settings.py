@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.imus.settings import ImuSettings
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.firmware_io.value import Positive, Section
 
@@ -55,4 +55,4 @@ class BusSettings(Section, frozen=True, kw_only=True):
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.02, le=0.05)] = 0.05
     ride_through_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.1)] = 0.0
     guard: Literal["required", "optional"] = "optional"
-    external_imu: XsensMtiSettings | None = None
+    external_imu: ImuSettings | None = None

@@ -2,13 +2,18 @@
 """The robot file: one YAML document, decoded into typed structures in one go."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
+from msgspec import structs
 
-from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.drives.family import drive_family, family_of
+from segway_ecc.firmware_io.errors import PluginError
+from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family
+from segway_ecc.firmware_io.plugins import DRIVES, entry_points
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.firmware_io.value import Section
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.documents import decode_data, read_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.declared import Range
 from segway_ecc.node.models.load import locate
@@ -18,6 +23,7 @@ Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
 Velocity = Annotated[float, msgspec.Meta(gt=0.0, le=1_000.0)]
 SecondsOrNone = Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)]
 
+_Kind = TypeVar("_Kind", bound=Section)
 _PACKAGED = Path(__file__).parent / "robots"
 
 
@@ -101,6 +107,8 @@ class RosSection(Section, frozen=True, kw_only=True):
 class RobotFile(Section, frozen=True, kw_only=True):
     """A whole robot.
 
+    Made by `decode_robot`, since only the document says which drives its hardware are.
+
     Attributes:
         wiring: The robot's signal of each model port or state, by name.
         arming: Whether the robot arms itself at start, or waits to be asked.
@@ -113,7 +121,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     name: str
     model: ModelSection
     wiring: dict[str, str]
-    hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
+    hardware: NoHardwareSection | BusSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
     commissioned: Literal["required", "optional"] = "optional"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"
@@ -122,6 +130,65 @@ class RobotFile(Section, frozen=True, kw_only=True):
     station: StationSettings | None = None
     ros: RosSection = RosSection()
     simulation: SimulationSection | None = None
+
+
+def decode_robot(text: str, where: str) -> RobotFile:
+    """Decode the text of a robot file; messages call it `where`. See `decode_yaml`.
+
+    Raises:
+        ConfigurationError: It is not as it must be, or names drives or an IMU that are not installed.
+    """
+    return convert_robot(read_yaml(text, where), where)
+
+
+def convert_robot(data: object, where: str) -> RobotFile:
+    """A robot file of its mappings, lists, texts and numbers; see `decode_robot`."""
+    try:
+        kind = _kind_of(data, where)
+    except PluginError as error:
+        raise ConfigurationError(f"{where}: {error}") from error
+    decoded = decode_data(data, kind, where)
+    hardware = decoded.hardware
+    if not isinstance(hardware, NoHardwareSection):
+        hardware = _as(family_of(hardware).settings, hardware)
+    return structs.replace(_as(RobotFile, decoded), hardware=hardware)
+
+
+def _kind_of(data: object, where: str) -> type[RobotFile]:
+    """`RobotFile`, with the settings of the drives and the IMU that a document names.
+
+    Raises:
+        ConfigurationError: It has hardware, and names no drives.
+        PluginError: What it names is not installed.
+    """
+    hardware = data.get("hardware") if isinstance(data, dict) else None
+    if not isinstance(hardware, dict):
+        return _with_field(RobotFile, "hardware", NoHardwareSection)
+    if "type" not in hardware:
+        names = ", ".join(sorted({"none", *(point.name for point in entry_points(DRIVES))}))
+        raise ConfigurationError(f"{where}: Object missing required field `type` at hardware; allowed is {names}")
+    name, imu = hardware["type"], hardware.get("external_imu")
+    if name == "none":
+        return _with_field(RobotFile, "hardware", NoHardwareSection)
+    settings = drive_family(name).settings
+    if isinstance(imu, dict):
+        settings = _with_field(settings, "external_imu", imu_family(imu.get("type", DEFAULT_IMU)).settings | None)
+    return _with_field(RobotFile, "hardware", NoHardwareSection | settings)
+
+
+def _with_field(kind: type[_Kind], name: str, of: Any) -> type[_Kind]:  # noqa: ANN401 - a type, or several
+    """A section with another type for one of its fields."""
+    default = next(field.default for field in structs.fields(kind) if field.name == name)
+    tag = kind.__struct_config__.tag
+    made: type[Any] = msgspec.defstruct(
+        kind.__name__, [(name, of, default)], bases=(kind,), frozen=True, kw_only=True, tag=tag
+    )
+    return made
+
+
+def _as(kind: type[_Kind], decoded: Section) -> _Kind:
+    """The plain section of what was decoded by `_with_field`."""
+    return kind(**{name: getattr(decoded, name) for name in kind.__struct_fields__})
 
 
 def packaged_robots() -> list[str]:
@@ -138,7 +205,7 @@ def load_robot(robot: str) -> RobotFile:
     Raises:
         ConfigurationError: The file is missing or not as it must be; the text gives the path within the file.
     """
-    file = decode_yaml(read_text(robot), RobotFile, robot)
+    file = decode_robot(read_text(robot), robot)
     if robot in packaged_robots():
         return file
     folders = (Path(robot).resolve().parent, Path())

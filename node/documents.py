@@ -42,13 +42,30 @@ def decode_yaml(text: str, kind: type[T], where: str) -> T:
     Raises:
         ConfigurationError: It is not that; the text has the place in the document.
     """
+    return decode_data(read_yaml(text, where), kind, where)
+
+
+def read_yaml(text: str, where: str) -> object:
+    """The mappings, lists, texts and numbers of a YAML document; see `decode_yaml`.
+
+    Raises:
+        ConfigurationError: It is too long or not YAML.
+    """
     if len(text) > _MOST_CHARACTERS:
         raise ConfigurationError(f"{where} is too long: {len(text)} characters, at most {_MOST_CHARACTERS} are read")
     try:
-        data = yaml.load(text, _BoundedLoader)  # noqa: S506 - a safe loader, made stricter
+        return yaml.load(text, _BoundedLoader)  # noqa: S506 - a safe loader, made stricter
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         problem = shortened(" ".join(str(error).split()))
         raise ConfigurationError(f"{where} is not YAML: {problem}") from error
+
+
+def decode_data(data: object, kind: type[T], where: str) -> T:
+    """Convert what `read_yaml` returned into `kind`; see `decode_yaml`.
+
+    Raises:
+        ConfigurationError: It is not that; the text has the place in the document.
+    """
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:

@@ -296,6 +296,8 @@ def test_there_are_drive_families() -> None:
         "firmware_io/drives/{}/frames.py",
         "firmware_io/drives/{}/driver.py",
         "firmware_io/drives/{}/settings.py",
+        "firmware_io/drives/{}/stopper.py",
+        "firmware_io/drives/{}/family.py",
         "hil/devices/{}.py",
     ],
 )
@@ -317,6 +319,7 @@ def test_there_are_imus() -> None:
         "firmware_io/imus/{}/frames.py",
         "firmware_io/imus/{}/driver.py",
         "firmware_io/imus/{}/settings.py",
+        "firmware_io/imus/{}/family.py",
         "hil/devices/{}.py",
     ],
 )
@@ -326,5 +329,5 @@ def test_an_imu_has_all_its_parts(imu: str, path: str) -> None:
 
 def test_every_simulated_device_stands_in_for_a_drive_family_or_an_imu() -> None:
     # What begins with an underscore is a part of one of them.
-    devices = {path.stem for path in (ROOT / "hil" / "devices").glob("[!_]*.py")} - {"device"}
+    devices = {path.stem for path in (ROOT / "hil" / "devices").glob("[!_]*.py")} - {"device", "family"}
     assert devices == {*FAMILIES, *IMUS}

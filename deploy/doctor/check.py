@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from segway_ecc.deploy.support.commands import answer_of
-from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, read_interface_state
 from segway_ecc.firmware_io.links.serial_link import open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.cycle.timing import Histogram, Summary
@@ -202,7 +202,7 @@ class Workload:
     period_ns: int = UNNAMED_PERIOD_NS
 
     @property
-    def hardware(self) -> HardwareSettings | None:
+    def hardware(self) -> BusSettings | None:
         """The drives; None where the robot is all model, or none is named."""
         hardware = None if self.robot is None else self.robot.hardware
         return None if isinstance(hardware, NoHardwareSection) else hardware

@@ -8,10 +8,7 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, graded, warning
 from segway_ecc.firmware_io.build import serial_of
-from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.drives.family import family_of
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, socketcan_interfaces
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.serial_link import open_remedy
@@ -124,18 +121,11 @@ def _controller(title: str, state: InterfaceState, wanted: int | None, command: 
 
 def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
     """How long a drive goes on by itself, how that is made sure, and whether it outlasts a late cycle."""
-    match workload.hardware:
-        case None:
-            yield good("drives' watchdogs", "no drives" if workload.robot is not None else "no robot is named")
-            return
-        case WheelBoardSettings(watchdog_s=seconds):
-            how = "set by the node, and read back before it arms"
-        case OdriveSettings(watchdog_s=seconds):
-            how = "set with odrivetool; the node has each axis prove it before it arms"
-        case VescSettings(timeout_set_s=seconds):
-            how = "set with VESC Tool; the node measures it before it arms"
-        case Cia402Settings(watchdog_s=seconds):
-            how = "a heartbeat time that the node sets, and reads back before it arms"
+    if workload.hardware is None:
+        yield good("drives' watchdogs", "no drives" if workload.robot is not None else "no robot is named")
+        return
+    family = family_of(workload.hardware)
+    seconds, how = family.watchdog(workload.hardware)
     period_s, found = workload.period_ns * 1e-9, f"{seconds * 1e3:g} ms, {how}"
     fits = seconds >= _CYCLES * period_s
     yield graded(
@@ -145,23 +135,8 @@ def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
         "a longer hardware.watchdog_s in the robot file (VESC: timeout_set_s, and VESC Tool), or a faster model",
         fits=fits,
     )
-    if isinstance(workload.hardware, OdriveSettings):
-        yield from _odrive_settings(workload.hardware)
-
-
-def _odrive_settings(settings: OdriveSettings) -> Iterator[Finding]:
-    """What disarms an ODrive as delivered at its first drive; CAN does not read it back, so the person has to ask."""
-    axes = ("axis0", "axis1") if settings.firmware == "0.5" else ("axis0",)
-    controllers = [f"odrv0.{axis}.controller.config" for axis in axes]
-    asked = [f"{each}.{name}" for each in controllers for name in ("vel_limit", "enable_overspeed_error")]
-    yield warning(
-        "ODrive settings",
-        "vel_limit, enable_overspeed_error and dc_max_negative_current are not read back over CAN",
-        "as delivered, an axis disarms above 2.4 turn/s of the motor, and at the first braking with no brake resistor",
-        f"type in odrivetool: {', '.join(asked)}, odrv0.config.dc_max_negative_current; set vel_limit above the "
-        "fastest that the motor turns and dc_max_negative_current to what the battery takes (such as -10), then "
-        "odrv0.save_configuration()",
-    )
+    if family.to_check is not None:
+        yield warning(*family.to_check(workload.hardware))
 
 
 def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:

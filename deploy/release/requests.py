@@ -20,8 +20,7 @@ from segway_ecc.deploy.release.agent.store import ROBOT_FILE, FileDigest
 from segway_ecc.deploy.release.agent.update import Rules
 from segway_ecc.deploy.release.host import Event, Host
 from segway_ecc.deploy.release.wheels import WHEEL, build_wheel, collect, extras_text, target_from, version_of
-from segway_ecc.node.config import RobotFile
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.config import RobotFile, decode_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import PythonSource
 
@@ -129,7 +128,7 @@ def robot_files(path: Path, file: RobotFile) -> dict[str, Path]:
     """
     found = {ROBOT_FILE: path}
     folder = path.resolve().parent
-    written = decode_yaml(path.read_text(encoding="utf-8"), RobotFile, str(path))
+    written = decode_robot(path.read_text(encoding="utf-8"), str(path))
     for source, as_written in zip(_sources(file), _sources(written), strict=True):
         if as_written.startswith("/"):
             raise ConfigurationError(f"{path}: {as_written} is not there on the robot: write it from the file's folder")

@@ -7,22 +7,13 @@ import logging
 from collections.abc import Iterator
 from typing import Final, Protocol
 
-from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import Clock
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.stopper import (
-    Cia402Stopper,
-    OdriveStopper,
-    SessionBoardStopper,
-    Stopper,
-    VescStopper,
-    WheelBoardStopper,
-)
-from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.drives.family import family_of
+from segway_ecc.firmware_io.drives.stopper import Stopper
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.guard.watch import Intervention, Watch
 from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.settings import BusSettings
 
 PASS_NS: Final = 2_000_000
 """From one look at the bus to the next."""
@@ -143,15 +134,6 @@ def describe(done: Intervention) -> str:
     return f"stopped the drives: {done.cause}; {after}, {done.frames} frames {lasted}, until {done.end}"
 
 
-def stopper_of(settings: HardwareSettings) -> Stopper:
+def stopper_of(settings: BusSettings) -> Stopper:
     """What reads and stops the drives that a robot file describes."""
-    match settings:
-        case WheelBoardSettings(protocol=2):
-            return SessionBoardStopper()
-        case WheelBoardSettings():
-            return WheelBoardStopper()
-        case OdriveSettings():
-            return OdriveStopper(settings)
-        case VescSettings():
-            return VescStopper(settings)
-    return Cia402Stopper(settings)
+    return family_of(settings).stopper(settings)

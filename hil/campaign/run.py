@@ -20,7 +20,6 @@ from segway_ecc.firmware_io.build import make_link, serial_of, takes_serial, wit
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.guard.guard import stopper_of
-from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
 from segway_ecc.hil.campaign.scenario import (
     HEAD,
     MODEL,
@@ -33,6 +32,7 @@ from segway_ecc.hil.campaign.scenario import (
     verdict,
 )
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
+from segway_ecc.hil.devices.family import simulated_imu
 from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
 from segway_ecc.hil.faults.fault import Fault, Injection, Injections, active
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
@@ -69,7 +69,6 @@ _INTRODUCTION: Final = (
 )
 _ARMED_WITHIN_S: Final = 5.0
 _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "faults", Mode.DISARMED: "disarmed"}
-_IMU_MESSAGES: Final = (Message.GROUP_COUNTER, Message.SAMPLE_TIME, Message.RATE_OF_TURN, Message.ACCELERATION)
 _ASKS: Final = {"off": (Action.STOP,), "wrong": (Action.DISARM,), "stuck": (Action.CLEAR_FAULT, Action.ARM)}
 """What an operator asks, by the type of the fault."""
 _NOT_NUMBERS: Final = (Setpoint(math.nan, math.nan), Setpoint(math.inf, -math.inf))
@@ -401,5 +400,5 @@ def _robot_file(settings: _Settings) -> RobotFile:
 def _imu_frames(file: RobotFile) -> frozenset[tuple[int, bool]]:
     imu = hardware_of(file).external_imu
     if imu is not None:
-        return frozenset(imu.key(message) for message in _IMU_MESSAGES)
+        return frozenset(simulated_imu(imu).frames(imu))
     return frozenset({(int(FrameId.IMU_GYRO), False), (int(FrameId.IMU_ACCELERATION), False)})

@@ -4,7 +4,7 @@
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -13,8 +13,7 @@ from segway_ecc.hil.commission.miswiring import MiswiredPlant, Miswiring
 from segway_ecc.hil.commission.person import Answer, Task
 from segway_ecc.hil.commission.session import Session
 from segway_ecc.hil.commission.wheel_steps import Found
-from segway_ecc.hil.devices.odrive import SimulatedOdrive
-from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
+from segway_ecc.hil.devices.family import simulated_drives
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_plant, simulated_robot
@@ -51,6 +50,7 @@ class ScriptedPerson:
         does: What they do for each task: for how long, s, and how they then hold the robot, by its plant's states.
         robot, rig: The robot in hand, and the clock; None before there is one.
         has_stop: Whether the e-stop has an effect.
+        press_stop: (drives, whether it is pressed) -> what it does to them; None where nothing.
     """
 
     def __init__(self, show: Callable[[str], None] | None = None) -> None:
@@ -60,6 +60,7 @@ class ScriptedPerson:
         self.robot: SimulatedRobot | None = None
         self.rig: LockstepRig | None = None
         self.has_stop = True
+        self.press_stop: Callable[[Any, bool], None] | None = None
         self._begun_ns = 0
         self._task = Task.LIFT
         self._lasts_s = 0.0
@@ -90,12 +91,9 @@ class ScriptedPerson:
         return 0 if self.rig is None else self.rig.now_ns()
 
     def _stop(self, *, pressed: bool) -> None:
-        """Press or release the e-stop: it breaks a board's enable input, and the supply of ODrives."""
-        for device in () if self.robot is None else self.robot.devices:
-            if isinstance(device, SimulatedWheelBoard):
-                device.is_broken = pressed
-            elif isinstance(device, SimulatedOdrive) and device.is_on == pressed:
-                (device.switch_off if pressed else device.switch_on)()
+        """Press or release the e-stop."""
+        if self.robot is not None and self.press_stop is not None:
+            self.press_stop(self.robot.devices[0], pressed)
 
 
 class SimulatedSite:
@@ -115,7 +113,9 @@ class SimulatedSite:
         if section is None:
             raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
         self.file = msgspec.structs.replace(file, commissioned="optional")
+        self._drives = simulated_drives(hardware_of(file))
         self.person = ScriptedPerson(show)
+        self.person.press_stop = self._drives.press_stop
         self._error = error
         commands = {variable.name for variable in simulated_plant(file).inputs}
         held = [plant for name, plant in _HELD.items() if name in commands]
@@ -168,9 +168,5 @@ class SimulatedSite:
 
     def _take_away(self, simulated: SimulatedRobot, part: str) -> None:
         self.person.has_stop = part != "e-stop"
-        for device in simulated.devices if part == "watchdog" else ():
-            if isinstance(device, SimulatedWheelBoard):
-                device.has_watchdog = False
-            elif isinstance(device, SimulatedOdrive):
-                for axis in device.axes:
-                    axis.watchdog_s = None
+        if part == "watchdog" and self._drives.lose_watchdog is not None:
+            self._drives.lose_watchdog(simulated.devices[0])

@@ -5,8 +5,7 @@ import re
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from segway_ecc.node.config import RobotFile
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.config import decode_robot
 from segway_ecc.node.errors import ConfigurationError
 
 DIGITS: Final = 6
@@ -32,7 +31,7 @@ def with_parameters(text: str, block: Literal["model", "simulation"], parameters
     lines = "  parameters:\n" + "".join(f"    {name}: {value!r}\n" for name, value in parameters.items())
     body, count = _PARAMETERS.subn(lambda _: lines, section.group(2))
     changed = text[: section.start(2)] + (body if count else body + lines) + text[section.end(2) :]
-    file = decode_yaml(changed, RobotFile, "the robot file with other parameters")
+    file = decode_robot(changed, "the robot file with other parameters")
     taken = file.model if block == "model" else file.simulation
     if taken is None or taken.parameters != dict(parameters):
         raise ConfigurationError(

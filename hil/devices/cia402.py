@@ -11,6 +11,7 @@ from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices._canopen_slave import CanopenSlave, Key, ObjectEntry
 from segway_ecc.hil.devices.device import supply_voltage
+from segway_ecc.hil.devices.family import SimulatedDrives
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's loop."""
@@ -179,3 +180,8 @@ class SimulatedCia402:
         supply = supply_voltage(outputs)
         self.left.send_telemetry(now_ns, outputs["left.angle"], outputs["left.velocity"], supply)
         self.right.send_telemetry(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
+
+
+SIMULATED: Final[SimulatedDrives[Cia402Settings, SimulatedCia402]] = SimulatedDrives(
+    tick_ns=TICK_NS, device=lambda settings, link, port: SimulatedCia402(link, settings, port)
+)

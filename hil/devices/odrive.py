@@ -24,6 +24,7 @@ from segway_ecc.hil.devices._odrive_ascii import AsciiPort
 from segway_ecc.hil.devices._odrive_axis import ESTOP, Release, SimulatedAxis
 from segway_ecc.hil.devices._odrive_board import ENDPOINTS, SimulatedBoard, find
 from segway_ecc.hil.devices.device import supply_voltage
+from segway_ecc.hil.devices.family import SimulatedDrives
 
 __all__ = ["TICK_NS", "Release", "SimulatedOdrive"]
 
@@ -288,3 +289,21 @@ class SimulatedOdrive:
 
     def _send(self, axis: SimulatedAxis, board: SimulatedBoard, command: int) -> None:
         self._link.send(Frame(arbitration_id(axis.node_id, command), self._pack[command](axis, board)))
+
+
+def _press_stop(drives: SimulatedOdrive, pressed: bool) -> None:  # noqa: FBT001 - as the rig calls it
+    if drives.is_on == pressed:
+        (drives.switch_off if pressed else drives.switch_on)()
+
+
+def _lose_watchdog(drives: SimulatedOdrive) -> None:
+    for axis in drives.axes:
+        axis.watchdog_s = None
+
+
+SIMULATED: Final[SimulatedDrives[OdriveSettings, SimulatedOdrive]] = SimulatedDrives(
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedOdrive(link, settings, port),
+    press_stop=_press_stop,
+    lose_watchdog=_lose_watchdog,
+)

@@ -38,6 +38,7 @@ from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE, supply_voltage
+from segway_ecc.hil.devices.family import SimulatedDrives
 
 TICK_NS: Final = 1_000_000
 """Period of the simulated firmware's loop."""
@@ -319,3 +320,8 @@ class SimulatedVesc:
     def _send(self, receiver_id: int, sender: Controller, mode: Mode, packet: bytes) -> None:
         for frame in frames_of(receiver_id, sender.controller_id, mode, packet):
             self._link.send(frame)
+
+
+SIMULATED: Final[SimulatedDrives[VescSettings, SimulatedVesc]] = SimulatedDrives(
+    tick_ns=TICK_NS, device=lambda settings, link, port: SimulatedVesc(link, settings, port)
+)

@@ -30,6 +30,7 @@ from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSetting
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import LOST, Port
 from segway_ecc.hil.devices.device import supply_voltage
+from segway_ecc.hil.devices.family import SimulatedDrives
 
 TICK_NS: Final = 5_000_000
 """Period of the firmware's loop, and of the wheel and IMU frames."""
@@ -220,3 +221,19 @@ def _axes(values: Sequence[float], limit: float) -> Sequence[float]:
 
 def _within(value: float, limit: float) -> float:
     return value if -limit <= value <= limit else min(max(value, -limit), limit)
+
+
+def _press_stop(board: SimulatedWheelBoard, pressed: bool) -> None:  # noqa: FBT001 - as the rig calls it
+    board.is_broken = pressed  # the enable input
+
+
+def _lose_watchdog(board: SimulatedWheelBoard) -> None:
+    board.has_watchdog = False
+
+
+SIMULATED: Final[SimulatedDrives[WheelBoardSettings, SimulatedWheelBoard]] = SimulatedDrives(
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedWheelBoard(link, settings, port),
+    press_stop=_press_stop,
+    lose_watchdog=_lose_watchdog,
+)

@@ -14,6 +14,7 @@ from segway_ecc.firmware_io.imus.xsens_mti.frames import (
 )
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.hil.devices.family import SimulatedImu
 
 _SENT: Final = (Message.GROUP_COUNTER, Message.SAMPLE_TIME, Message.RATE_OF_TURN, Message.ACCELERATION)
 _ANGULAR_VELOCITY: Final = ("imu.angular_velocity_x", "imu.angular_velocity_y", "imu.angular_velocity_z")
@@ -84,3 +85,9 @@ class SimulatedXsensMti:
     def _frame(self, message: Message, values: Sequence[float]) -> Frame:
         arbitration_id, is_extended = self._keys[message]
         return Frame(arbitration_id, encode(message, values), is_extended=is_extended)
+
+
+SIMULATED: Final[SimulatedImu[XsensMtiSettings]] = SimulatedImu(
+    device=lambda settings, link: SimulatedXsensMti(link, settings),
+    frames=lambda settings: [settings.key(message) for message in _SENT],
+)

@@ -13,11 +13,11 @@ import msgspec
 
 from segway_ecc.deploy.station.fleet import Heartbeats
 from segway_ecc.deploy.station.requests import AGAIN_NS
-from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.drives.stopper import Meaning, Stopper
 from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
@@ -185,7 +185,7 @@ class CrossingHeartbeats(LinkFront):
 class LockstepGuard:
     """Makes its passes on the rig's clock; see `Source`."""
 
-    def __init__(self, settings: HardwareSettings, rig: LockstepRig) -> None:
+    def __init__(self, settings: BusSettings, rig: LockstepRig) -> None:
         """Guard the drives on the bus of `rig`."""
         stopper = stopper_of(settings)
         self.watch = Watch(stopper, rig.now_ns())

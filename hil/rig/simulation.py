@@ -4,22 +4,13 @@
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import Clock
-from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices import cia402, odrive, vesc, wheel_board
-from segway_ecc.hil.devices.cia402 import SimulatedCia402
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.devices.device import Device
-from segway_ecc.hil.devices.odrive import SimulatedOdrive
-from segway_ecc.hil.devices.vesc import SimulatedVesc
-from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
-from segway_ecc.hil.devices.xsens_mti import SimulatedXsensMti
+from segway_ecc.hil.devices.family import simulated_drives, simulated_imu
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
@@ -36,7 +27,7 @@ WALL_START_NS: Final = 1_700_000_000_000_000_000
 """What the simulated wall clock reads at monotonic time zero."""
 
 
-def hardware_of(file: RobotFile) -> HardwareSettings:
+def hardware_of(file: RobotFile) -> BusSettings:
     """The hardware that is simulated.
 
     Raises:
@@ -65,35 +56,24 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
     Raises:
         NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
         PlantMismatchError: The plant does not fit the drives.
+        PluginError: Nothing simulates its drives, or its IMU.
     """
     hardware, behind = hardware_of(file), link
     while isinstance(behind, LinkFront):
         behind = behind.behind
     if isinstance(behind, CanLink):
         behind.receives_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
-    drives, tick_ns = _drives(hardware, link, port)
-    devices, imu = [drives], hardware.external_imu
+    drives, imu = simulated_drives(hardware), hardware.external_imu
+    tick_ns = drives.tick_ns
+    devices: list[Device] = [drives.device(hardware, link, port)]
     if imu is not None and round(imu.period_s * 1e9) % tick_ns != 0:
         raise NoSimulationError(
             f"the simulated drives tick every {tick_ns * 1e-6:g} ms: make external_imu.period_s, {imu.period_s:g} s, "
             "a multiple of that"
         )
     if imu is not None:
-        devices.append(SimulatedXsensMti(link, imu))
+        devices.append(simulated_imu(imu).device(imu, link))
     return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
-
-
-def _drives(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[Device, int]:
-    """The drives, and the period of their firmware's loops, ns."""
-    match settings:
-        case WheelBoardSettings():
-            return SimulatedWheelBoard(link, settings, port), wheel_board.TICK_NS
-        case VescSettings():
-            return SimulatedVesc(link, settings, port), vesc.TICK_NS
-        case OdriveSettings():
-            return SimulatedOdrive(link, settings, port), odrive.TICK_NS
-        case Cia402Settings():
-            return SimulatedCia402(link, settings, port), cia402.TICK_NS
 
 
 class RealTimePlant:

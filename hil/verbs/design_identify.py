@@ -18,8 +18,7 @@ from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.hil.verbs.design_gains import designed, segway_parameters
 from segway_ecc.node.cli.options import add_json, print_json
-from segway_ecc.node.config import RobotFile, read_text
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.config import RobotFile, decode_robot, read_text
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.segway_parameters import SegwayParameters
@@ -57,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     """Identify, print, and write the robot file where that is asked for."""
     read = [read_run(path, options.skip) for path in options.logs]
     text = _text(options, need=options.out is not None)
-    file = read[0][1] if text is None else decode_yaml(text, RobotFile, "the robot file")
+    file = read[0][1] if text is None else decode_robot(text, "the robot file")
     names = sorted({recorded.name for _, recorded in read})
     if len(names) > 1:
         raise ConfigurationError(f"the logs are of different robots ({', '.join(names)}): identify one at a time")
@@ -72,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     advice: tuple[Advice, ...] = ()
     changed, notes = ("", []) if text is None else rewritten(text, file, found)
     if text is not None and not options.no_advice:
-        as_found = decode_yaml(changed, RobotFile, "the robot file with what was identified")
+        as_found = decode_robot(changed, "the robot file with what was identified")
         with show_progress("manoeuvres") as progress:
             advice = advise(
                 found,
@@ -115,9 +114,9 @@ def rewritten(text: str, file: RobotFile, found: Identified) -> tuple[str, list[
     if "TorqueLimit" in own:
         follows |= rounded({"TorqueLimit": model.read("TorqueLimit") * min(1.0, _grip(parts, before))})
     changed, moved = with_ranges(changed, file, follows)
-    changed = with_safety(changed, segway_parameters(decode_yaml(changed, RobotFile, "the robot file with its plant")))
+    changed = with_safety(changed, segway_parameters(decode_robot(changed, "the robot file with its plant")))
     changed = with_parameters(changed, "model", {**file.model.parameters, **follows})
-    gains = designed(decode_yaml(changed, RobotFile, "the robot file with what was identified")).gains
+    gains = designed(decode_robot(changed, "the robot file with what was identified")).gains
     changed = with_parameters(changed, "model", {**file.model.parameters, **follows, **rounded(gains)})
     return changed, [f"moved model.ranges: {text}; see that it is what you want" for text in moved]
 

@@ -17,7 +17,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NoReturn
 
-from segway_ecc.firmware_io.errors import SegwayEccError
+from segway_ecc.firmware_io.errors import PluginError, SegwayEccError
+from segway_ecc.firmware_io.plugins import entry_points, import_plugin
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.streams import OutputError, claim_streams, flush_output
 from segway_ecc.node.cli.verb import ENTRY_POINTS, Section, Verb
@@ -95,9 +96,15 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 def find_verbs() -> dict[str, Verb]:
     """The verbs of every room and of other distributions by name."""
-    points = importlib.import_module("importlib.metadata").entry_points(group=ENTRY_POINTS)
-    ordered = sorted(points, key=lambda point: point.value, reverse=True)
-    return {verb.name: verb for point in ordered for verb in point.load()}
+    verbs: dict[str, Verb] = {}
+    for point in sorted(entry_points(ENTRY_POINTS), key=lambda point: point.value, reverse=True):
+        try:
+            loaded: Any = import_plugin(point, "the package of verbs")
+        except PluginError as error:  # the verbs of the others work without
+            sys.stderr.write(f"{_PROGRAM}: {error}\n")
+        else:
+            verbs |= {verb.name: verb for verb in loaded}
+    return verbs
 
 
 def command_line(verbs: Mapping[str, Verb], words: Sequence[str] | None = None) -> argparse.ArgumentParser:

@@ -5,17 +5,13 @@ import hashlib
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Final
 
 import msgspec
 
-from segway_ecc.firmware_io.drives import wheel_board
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.node.config import RobotFile
+from segway_ecc.firmware_io.drives.family import family_of
+from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.models.load import PythonSource
 from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance
-
-_DBC_FILE: Final = "wheel_board.dbc"
 
 
 def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
@@ -26,9 +22,9 @@ def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
     attachments = {ROBOT_FILE: msgspec.json.format(msgspec.json.encode(file)).decode()}
     if text is not None:
         attachments[ROBOT_TEXT] = text
-    if isinstance(file.hardware, WheelBoardSettings):
-        folder = Path(str(wheel_board.__file__)).parent
-        attachments[_DBC_FILE] = (folder / _DBC_FILE).read_text(encoding="utf-8")
+    wire = None if isinstance(file.hardware, NoHardwareSection) else family_of(file.hardware).wire_description
+    if wire is not None:
+        attachments[wire.name] = wire.read_text(encoding="utf-8")
     source = file.model.source
     return Provenance(attachments, {MODEL: {"source": source, "sha256": model_hash(source)}})
 

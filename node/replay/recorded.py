@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A run as it was recorded: read as far as its log goes, and what answers in it as the robot's parts did then."""
 
+import contextlib
 import math
 import struct
 from collections import deque
@@ -13,7 +14,7 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.config import RobotFile
+from segway_ecc.node.config import RobotFile, convert_robot
 from segway_ecc.node.cycle.interfaces import (
     UNSEEN_CALL,
     CycleRecord,
@@ -24,7 +25,7 @@ from segway_ecc.node.cycle.interfaces import (
     Written,
 )
 from segway_ecc.node.cycle.state import Snapshot
-from segway_ecc.node.errors import RecordingError, shortened
+from segway_ecc.node.errors import ConfigurationError, RecordingError, shortened
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.codec import unpack_state
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE, STATE_TOPIC
@@ -68,7 +69,7 @@ class RecordedRun:
         self._first = Salvage(path)
         self.damage = list(self._first.damage)
         self.is_cut = self._first.is_cut
-        self.robot = _decoded(self._first, ROBOT_FILE, RobotFile)
+        self.robot = _robot_of(self._first)
         self.layout = _decoded(self._first, LAYOUT_FILE, CycleLayout)
         self.model_hash = self._first.metadata.get(MODEL, {}).get("sha256", "")
         self.version = self._first.metadata.get("software", {}).get("segway-ecc", "")
@@ -251,11 +252,23 @@ def writes_in(written: Sequence[Written]) -> Iterator[tuple[list[tuple[str, floa
 
 
 def _decoded(file: Salvage, name: str, kind: type[_T]) -> _T:
+    with _explained(file, name):
+        return msgspec.json.decode(file.attachments[name], type=kind)
+
+
+def _robot_of(file: Salvage) -> RobotFile:
+    with _explained(file, ROBOT_FILE):
+        return convert_robot(msgspec.json.decode(file.attachments[ROBOT_FILE]), "the robot file in it")
+
+
+@contextlib.contextmanager
+def _explained(file: Salvage, name: str) -> Iterator[None]:
+    """Where an attachment is not there, or is not as this version writes it, that is why a log is not replayed."""
     if name not in file.attachments:
         raise RecordingError(f"{file.path} cannot be replayed: it is no log of a run (there is no {name} in it)")
     try:
-        return msgspec.json.decode(file.attachments[name], type=kind)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+        yield
+    except (msgspec.MsgspecError, ConfigurationError, UnicodeError, RecursionError) as error:
         problem = shortened(str(error))
         raise RecordingError(
             f"{file.path} cannot be replayed: its {name} is of another version of segway-ecc: {problem}"

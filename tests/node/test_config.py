@@ -8,13 +8,12 @@ from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSetting
 from segway_ecc.node.config import (
     ModelSection,
     NoHardwareSection,
-    RobotFile,
     SetpointSection,
+    decode_robot,
     load_robot,
     packaged_robots,
     read_text,
 )
-from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.settings import StationSettings
@@ -26,7 +25,7 @@ BASE = "name: cart\nmodel: {source: 'segway_ecc.node.models.cart:Cart'}\nwiring:
 
 def refusal(text: str) -> str:
     with pytest.raises(ConfigurationError) as caught:
-        decode_yaml(text, RobotFile, "robot.yaml")
+        decode_robot(text, "robot.yaml")
     message = str(caught.value)
     assert "\n" not in message
     assert message.startswith("robot.yaml")
@@ -62,12 +61,12 @@ def test_a_robot_that_would_sit_down_by_what_it_does_not_have_is_not_built() -> 
 
 
 def test_what_a_file_leaves_out_has_its_default() -> None:
-    file = decode_yaml(BASE, RobotFile, "robot.yaml")
+    file = decode_robot(BASE, "robot.yaml")
     assert file.model == ModelSection(source="segway_ecc.node.models.cart:Cart", parameters={})
     assert (file.hardware, file.arming, file.actuate) == (NoHardwareSection(), "on_request", "next_cycle")
     assert file.setpoint == SetpointSection(timeout_s=0.5, stamp_tolerance_s=0.1, horizon_s=30.0)
     assert file.simulation is None
-    board = decode_yaml(BASE + "hardware: {type: wheel_board}", RobotFile, "robot.yaml").hardware
+    board = decode_robot(BASE + "hardware: {type: wheel_board}", "robot.yaml").hardware
     assert isinstance(board, WheelBoardSettings)
     assert (board.can.interface, board.can.channel, board.can.bitrate, board.watchdog_s) == (
         "auto",
@@ -111,10 +110,14 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "hardware: {type: sail}",
-            "Invalid value 'sail' at hardware.type; found 'sail'; allowed is cia402, none, odrive, vesc, wheel_board",
+            "there is no drive family 'sail'; installed are cia402, odrive, vesc, wheel_board",
             id="wrong tag",
         ),
-        pytest.param(BASE + "hardware: {can: {}}", "Object missing required field `type` at hardware", id="no tag"),
+        pytest.param(
+            BASE + "hardware: {can: {}}",
+            "Object missing required field `type` at hardware; allowed is cia402, none, odrive, vesc, wheel_board",
+            id="no tag",
+        ),
         pytest.param(
             BASE + "ros: {node_name: 5}", "Expected `str`, got `int` at ros.node_name; found 5", id="wrong type"
         ),

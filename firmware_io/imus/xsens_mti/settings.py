@@ -6,34 +6,29 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from segway_ecc.firmware_io.devices import FrameKey
-from segway_ecc.firmware_io.imus.mounting import Axis, Mounting
+from segway_ecc.firmware_io.imus.settings import ImuSettings
 from segway_ecc.firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message
-from segway_ecc.firmware_io.value import Section
 
 _STANDARD_IDS: Final = 1 << 11
 _EXTENDED_IDS: Final = 1 << 29
 
 
-class XsensMtiSettings(Section, frozen=True, kw_only=True):
+class XsensMtiSettings(ImuSettings, frozen=True, kw_only=True, tag="xsens_mti"):
     """An MTi of the 600 series on the drives' bus.
 
     Attributes:
-        period_s: How often it sends a set of measurements, s.
         ids: Arbitration ids other than those it is delivered with, by message.
         extended_ids: Whether all its ids are 29-bit ones.
-        mounting: The axes of the sensor that point along the robot's x (forward), y (left) and z (up).
         sample_time_unit: What one tick of its sample time is; it differs between firmware versions.
     """
 
-    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.005
     ids: dict[Message, Annotated[int, msgspec.Meta(ge=0, lt=_EXTENDED_IDS)]] = msgspec.field(default_factory=dict)
     extended_ids: bool = False
-    mounting: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
     sample_time_unit: Literal["100us", "us"] = "100us"
 
     def __post_init__(self) -> None:
         """Refuse ids that are too large or used twice, and a mounting that is no rotation."""
-        Mounting(self.mounting)
+        super().__post_init__()
         owners: dict[int, Message] = {}
         for message in Message:
             arbitration_id = self.key(message).arbitration_id
@@ -42,11 +37,6 @@ class XsensMtiSettings(Section, frozen=True, kw_only=True):
             if arbitration_id in owners:
                 raise ValueError(f"{owners[arbitration_id]} and {message} both have id 0x{arbitration_id:X}")
             owners[arbitration_id] = message
-
-    @property
-    def rotation(self) -> Mounting:
-        """The mounting as what turns vectors."""
-        return Mounting(self.mounting)
 
     @property
     def sample_time_tick_s(self) -> float:

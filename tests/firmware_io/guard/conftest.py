@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
-from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.guard.guard import Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
@@ -75,7 +75,7 @@ class Guarded:
     ) -> None:
         file = load_robot(robot)
         assert not isinstance(file.hardware, NoHardwareSection)
-        self.settings: HardwareSettings = file.hardware
+        self.settings: BusSettings = file.hardware
         self.rig = LockstepRig(hardware_of(file).can.bitrate)
         self.plant: SimulatedRobot = simulated_robot(file, self.rig.bus.attach("plant"))
         node = self.rig.bus.attach("node")

@@ -7,19 +7,21 @@ import struct
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, Stopper
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
-from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.node.config import NoHardwareSection, load_robot
 
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]
 MOVE, ZERO, DISABLE, ON, OFF = Meaning
 
 
-def hardware(robot: str) -> HardwareSettings:
+def hardware(robot: str) -> BusSettings:
     settings = load_robot(robot).hardware
     assert not isinstance(settings, NoHardwareSection)
     return settings
@@ -28,7 +30,7 @@ def hardware(robot: str) -> HardwareSettings:
 def ids(robot: str) -> tuple[int, int]:
     """The two drives' numbers on the bus, from the robot file."""
     settings = hardware(robot)
-    assert not isinstance(settings, WheelBoardSettings)
+    assert isinstance(settings, OdriveSettings | VescSettings | Cia402Settings)
     names = {"cart-odrive": "node_id", "cart-vesc": "controller_id", "cart-cia402": "node_id"}
     return getattr(settings.left, names[robot]), getattr(settings.right, names[robot])
 

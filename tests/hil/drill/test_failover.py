@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
-from segway_ecc.firmware_io.build import make_link
+from segway_ecc.firmware_io.build import make_link, serial_of
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.switching import Switch
@@ -64,7 +64,7 @@ def with_serial(name: str, baudrate: int = 921_600) -> RobotFile:
 def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, clear_at: int | None = None) -> Drive:
     hardware = file.hardware
     assert not isinstance(hardware, NoHardwareSection)
-    serial = hardware.serial  # type: ignore[union-attr]
+    serial = serial_of(hardware)
     assert isinstance(serial, SerialSettings)
     rig = LockstepRig(hardware_of(file).can.bitrate)
     wires = SimulatedSerial(serial.baudrate, rig.now_ns)

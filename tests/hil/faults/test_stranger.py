@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Somebody else on the bus, who plays what was sent there, or makes up frames."""
 
-from segway_ecc.firmware_io.drives.stopper import WheelBoardStopper
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.stopper import WheelBoardStopper
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.faults.fault import Fault, Injections, Type
 from segway_ecc.hil.faults.stranger import Stranger

@@ -20,9 +20,8 @@ from segway_ecc.hil.identify.robot_text import with_ranges, with_safety
 from segway_ecc.hil.identify.windows import Run, run_of
 from segway_ecc.hil.verbs.design_gains import designed, segway_parameters
 from segway_ecc.hil.verbs.design_identify import is_by_voltage, rewritten
-from segway_ecc.node.config import RobotFile, load_robot, read_text
+from segway_ecc.node.config import RobotFile, decode_robot, load_robot, read_text
 from segway_ecc.node.cycle.interfaces import CycleRecord
-from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.models.segway_parameters import PUBLISHED, model_name
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.safety.posture import Posture
@@ -95,23 +94,21 @@ def found_of(robot: str, seed: int) -> tuple[Identified, RobotFile]:
     run = held_at_first(file, unknown(robot, seed), seed)
     found = identify([run], segway_parameters(file), voltage=is_by_voltage(file))
     text, _notes = rewritten(read_text(robot), file, found)
-    return found, decode_yaml(text, RobotFile, "the robot file")
+    return found, decode_robot(text, "the robot file")
 
 
 def _designed_for(robot: str, true: Mapping[str, float]) -> RobotFile:
     """The file of a robot that is known exactly."""
     file = load_robot(robot)
     text = with_parameters(read_text(robot), "simulation", true)
-    text = with_safety(text, segway_parameters(decode_yaml(text, RobotFile, "the robot file")))
+    text = with_safety(text, segway_parameters(decode_robot(text, "the robot file")))
     names = {"WheelRadius", "Track", "ImuHeight", "MotorConstant"} & true.keys()
     grip = (true["BodyMass"] + 0.3652) * true["WheelRadius"] / ((PUBLISHED.body_mass + 0.3652) * PUBLISHED.wheel_radius)
     follows = {**{name: true[name] for name in names}, "TorqueLimit": 1.3 * min(1.0, grip)}
     text, _moved = with_ranges(text, file, follows)
-    known = decode_yaml(text, RobotFile, "the robot file")
+    known = decode_robot(text, "the robot file")
     gains = rounded(designed(known).gains)
-    return decode_yaml(
-        with_parameters(text, "model", {**file.model.parameters, **follows, **gains}), RobotFile, "the robot file"
-    )
+    return decode_robot(with_parameters(text, "model", {**file.model.parameters, **follows, **gains}), "the robot file")
 
 
 @pytest.mark.parametrize("robot", PLANTS)

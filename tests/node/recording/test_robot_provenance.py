@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
+from segway_ecc.node.config import convert_robot, load_robot, packaged_robots, read_text
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.layout import surroundings
 from segway_ecc.node.recording.robot_provenance import model_hash, provenance_of
@@ -24,7 +24,7 @@ def test_a_robot_file_comes_back_as_it_was(name: str) -> None:
     load_model(file.model.source)
     provenance = provenance_of(file, read_text(name))
 
-    assert msgspec.json.decode(provenance.attachments["robot.json"], type=RobotFile) == file
+    assert convert_robot(msgspec.json.decode(provenance.attachments["robot.json"]), name) == file
     assert provenance.attachments["robot.yaml"] == read_text(name)
 
 

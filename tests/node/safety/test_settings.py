@@ -4,8 +4,7 @@ import re
 import msgspec
 import pytest
 
-from segway_ecc.node.config import RobotFile
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.config import decode_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
@@ -77,7 +76,7 @@ PARTS: dict[type[msgspec.Struct], dict[str, float]] = {
 
 
 def decode(text: str) -> SafetySettings | None:
-    return decode_yaml(BASE + text, RobotFile, "robot.yaml").safety
+    return decode_robot(BASE + text, "robot.yaml").safety
 
 
 def test_a_file_without_the_section_has_none() -> None:
@@ -238,11 +237,11 @@ def test_values_are_given_by_name_so_that_none_is_taken_for_another(part: type[m
 
 
 def decode_station(text: str) -> StationSettings | None:
-    return decode_yaml(f"{BASE}station: {{{text}}}", RobotFile, "robot.yaml").station
+    return decode_robot(f"{BASE}station: {{{text}}}", "robot.yaml").station
 
 
 def test_a_robot_without_the_section_is_not_watched_over() -> None:
-    assert decode_yaml(BASE, RobotFile, "robot.yaml").station is None
+    assert decode_robot(BASE, "robot.yaml").station is None
 
 
 def test_every_key_of_a_station_is_taken_and_has_its_default() -> None:

@@ -4,15 +4,14 @@ from msgspec import structs
 
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
-from segway_ecc.node.config import RobotFile
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.config import decode_robot
 from segway_ecc.node.errors import ConfigurationError
 
 BASE = "name: bench\nmodel: {source: segway_ecc.node.models.cart:Cart}\nwiring: {}\n"
 
 
 def _decoded(hardware: str) -> WheelBoardSettings:
-    settings = decode_yaml(BASE + f"hardware: {{type: wheel_board{hardware}}}", RobotFile, "robot.yaml").hardware
+    settings = decode_robot(BASE + f"hardware: {{type: wheel_board{hardware}}}", "robot.yaml").hardware
     assert isinstance(settings, WheelBoardSettings)
     return settings
 

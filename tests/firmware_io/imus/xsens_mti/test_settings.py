@@ -4,8 +4,7 @@ import pytest
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from segway_ecc.node.config import RobotFile
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.config import decode_robot
 from segway_ecc.node.errors import ConfigurationError
 
 ROBOT = """
@@ -18,7 +17,7 @@ hardware:
 
 
 def imu(text: str) -> XsensMtiSettings | None:
-    hardware = decode_yaml(f"{ROBOT}{text}", RobotFile, "bench.yaml").hardware
+    hardware = decode_robot(f"{ROBOT}{text}", "bench.yaml").hardware
     return getattr(hardware, "external_imu", None)
 
 

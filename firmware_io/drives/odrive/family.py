@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: MIT
+"""ODrives as one of the installed drive families.
+
+Its parts are imported where one is made; see `DriveFamily`.
+"""
+# ruff: noqa: PLC0415 - see above
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from segway_ecc.firmware_io.clock import Clock
+from segway_ecc.firmware_io.devices import Drive
+from segway_ecc.firmware_io.drives.family import DriveFamily, DriveWatchdog, SettingsToCheck
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.stopper import Stopper
+from segway_ecc.firmware_io.links.link import Link
+
+if TYPE_CHECKING:
+    from segway_ecc.firmware_io.links.serial_link import SerialCodec
+
+
+def _drives(settings: OdriveSettings, link: Link, period_s: float, clock: Clock) -> Sequence[Drive]:
+    from segway_ecc.firmware_io.drives.odrive.driver import Odrive
+
+    return [Odrive(link, name, settings, period_s, clock.now_ns) for name in ("left", "right")]
+
+
+def _stopper(settings: OdriveSettings) -> Stopper:
+    from segway_ecc.firmware_io.drives.odrive.stopper import OdriveStopper
+
+    return OdriveStopper(settings)
+
+
+def _serial_codec(settings: OdriveSettings) -> "SerialCodec":
+    from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec
+
+    return OdriveSerialCodec(settings)
+
+
+def _watchdog(settings: OdriveSettings) -> DriveWatchdog:
+    return DriveWatchdog(settings.watchdog_s, "set with odrivetool; the node has each axis prove it before it arms")
+
+
+def _to_check(settings: OdriveSettings) -> SettingsToCheck:
+    """What disarms an ODrive as delivered at its first drive."""
+    axes = ("axis0", "axis1") if settings.firmware == "0.5" else ("axis0",)
+    controllers = [f"odrv0.{axis}.controller.config" for axis in axes]
+    asked = [f"{each}.{name}" for each in controllers for name in ("vel_limit", "enable_overspeed_error")]
+    return SettingsToCheck(
+        "ODrive settings",
+        "vel_limit, enable_overspeed_error and dc_max_negative_current are not read back over CAN",
+        "as delivered, an axis disarms above 2.4 turn/s of the motor, and at the first braking with no brake resistor",
+        f"type in odrivetool: {', '.join(asked)}, odrv0.config.dc_max_negative_current; set vel_limit above the "
+        "fastest that the motor turns and dc_max_negative_current to what the battery takes (such as -10), then "
+        "odrv0.save_configuration()",
+    )
+
+
+FAMILY: Final = DriveFamily(
+    settings=OdriveSettings,
+    drives=_drives,
+    stopper=_stopper,
+    watchdog=_watchdog,
+    to_check=_to_check,
+    serial_codec=_serial_codec,
+)
