@@ -32,6 +32,7 @@ from segway_ecc.firmware_io.drives.vesc.condition import (
 from segway_ecc.firmware_io.drives.vesc.frames import (
     BROADCAST_ID,
     COMMANDING,
+    Comm,
     Current,
     PacketId,
     Status,
@@ -41,7 +42,8 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
     frame_of,
     motor_angle,
 )
-from segway_ecc.firmware_io.drives.vesc.packets import decode_short
+from segway_ecc.firmware_io.drives.vesc.limits import LimitsReading
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, PacketAssembler, ShortBuffer, decode_short, frames_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
@@ -84,9 +86,11 @@ class Vesc(PhasedDrive):
         self._timeout_s = settings.timeout_set_s
         self._rate_hz = settings.status_rate_hz
         self._answers_id = arbitration_id(PacketId.PROCESS_SHORT_BUFFER, HOST_IDS[name])
+        buffers = (PacketId.FILL_RX_BUFFER, PacketId.FILL_RX_BUFFER_LONG, PacketId.PROCESS_RX_BUFFER)
+        self._buffers = {arbitration_id(kind, HOST_IDS[name]): kind for kind in buffers}
         self._kinds = {arbitration_id(kind, wheel.controller_id): kind for kind in _TELEMETRY}
         self.listens_to: Collection[FrameKey] = frozenset(
-            FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, self._answers_id)
+            FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, *self._buffers, self._answers_id)
         )
         self.periods_s: Mapping[FrameKey, float] = {
             FrameKey(identifier, is_extended=True): 1.0 / settings.status_rate_hz for identifier in self._kinds
@@ -110,6 +114,8 @@ class Vesc(PhasedDrive):
         self._fault = 0
         self._asked_ns: int | None = None
         self._probe = TimeoutProbe(settings.timeout_set_s)
+        self._assembler = PacketAssembler()
+        self._limits = LimitsReading(self._title, wheel.max_current)
         self._zero_ns: int | None = None
         """When the first zero since `enable` was sent."""
         self._confirmed: set[PacketId] = set()
@@ -125,12 +131,11 @@ class Vesc(PhasedDrive):
             return False
         try:
             if frame.arbitration_id == self._answers_id:
-                reply = answer(decode_short(frame.data), self._wheel.controller_id)
-                if reply.fault is None:
-                    self._probe.note_answer(reply.timed_out, frame.received_ns)
-                else:
-                    self._fault = reply.fault
-                    self._fresh.mark(PacketId.PROCESS_SHORT_BUFFER, frame.received_ns)
+                self._take_answer(decode_short(frame.data), frame.received_ns)
+            elif frame.arbitration_id in self._buffers:
+                packet = self._assembler.take(self._buffers[frame.arbitration_id], frame.data)
+                if packet is not None:
+                    self._take_answer(packet, frame.received_ns)
             else:
                 self._take_status(self._kinds[frame.arbitration_id], frame)
         except FrameRefusedError as error:
@@ -142,7 +147,7 @@ class Vesc(PhasedDrive):
         """The wheel's angle, velocity and torque, and of the left controller the supply's voltage."""
         angle = self._wheel.wheel(motor_angle(self._counter.total, self._wheel.pole_pairs))
         velocity = self._wheel.wheel(self._status.motor_velocity(self._wheel.pole_pairs))
-        torque = self._wheel.wheel_torque(self._status.current * self._wheel.torque_constant)
+        torque = self._wheel.wheel_torque(self._status.directed_current() * self._wheel.torque_constant)
         age, is_valid = self._fresh.age(PacketId.STATUS)
         angle_age, angle_is_valid = self._fresh.age(PacketId.STATUS_5)
         readings = Readings(
@@ -155,7 +160,7 @@ class Vesc(PhasedDrive):
         return with_one_more(readings, self._bus_voltage, self._fresh.age(PacketId.STATUS_5, SUPPLY_STALE_NS))
 
     def arming_failures(self) -> list[str]:
-        """Silence, a time-out that does not act or has not been measured yet, or a fault."""
+        """Silence, a time-out that does not act or has not been measured yet, limits too low, or a fault."""
         if not all(self._fresh.age(kind)[1] for kind in _TELEMETRY):
             return [self._silence]
         reasons = []
@@ -166,6 +171,7 @@ class Vesc(PhasedDrive):
                 f"{self._title} did not time out within {self._probe.silence_s * 1e3:.0f} ms without a command; "
                 + _SETUP.format(ms=self._timeout_s * 1e3)
             )
+        reasons += self._limits.arming_failures()
         fault = self._fresh_fault
         if fault:
             reasons.append(f"{self._title} reports {fault_name(fault)}; remove its cause")
@@ -228,6 +234,7 @@ class Vesc(PhasedDrive):
             "timeout_set_s": f"{self._timeout_s:g}",
             "timeout": f"{self._probe.found}{measured}",
             "fault": "not reported" if fault is None else fault_name(fault) if fault else "none",
+            "firmware": self._limits.description,
             "bus_voltage_v": f"{self._bus_voltage:.1f}",
             **self._fresh.health,
             "current_a": f"{self._status.current:.1f}",
@@ -251,6 +258,20 @@ class Vesc(PhasedDrive):
             f"{_SETUP.format(ms=self._timeout_s * 1e3)}, and CAN status messages 1 and 5 to {self._rate_hz:g} Hz"
         )
 
+    def _take_answer(self, packet: ShortBuffer, received_ns: int) -> None:
+        """Take what the controller answered: its firmware and limits, its fault, or whether it has timed out."""
+        if packet.packet[0] in (Comm.FW_VERSION, Comm.GET_MCCONF):
+            if packet.sender_id != self._wheel.controller_id:
+                raise FrameRefusedError(Refusal.UNKNOWN, f"packet from {packet.sender_id}")
+            self._limits.take(packet.packet)
+            return
+        reply = answer(packet, self._wheel.controller_id)
+        if reply.fault is None:
+            self._probe.note_answer(reply.timed_out, received_ns)
+        else:
+            self._fault = reply.fault
+            self._fresh.mark(PacketId.PROCESS_SHORT_BUFFER, received_ns)
+
     def _take_status(self, kind: PacketId, frame: Frame) -> None:
         payload = decode(kind, frame.data)
         if kind is PacketId.STATUS:
@@ -267,9 +288,13 @@ class Vesc(PhasedDrive):
                 self._enabling.confirm()
 
     def _rest(self) -> None:
-        """Send zero with the motor off, or measure the time-out by silence."""
+        """Send zero with the motor off, or measure the time-out by silence; read the limits."""
         if not self._fresh.age(PacketId.STATUS)[1]:
             self._probe.reset()
+            self._limits.reset()
+        elif (question := self._limits.next_question(self._now_ns())) is not None:
+            controller_id = self._wheel.controller_id
+            self._link.send(frames_of(controller_id, HOST_IDS[self.name], Mode.PROCESS, question)[0])
         match self._probe.step(self._now_ns()):
             case Step.ZERO:
                 self._send_torque(0.0)

@@ -13,6 +13,7 @@ in VESC Tool (github.com/vedderb/bldc and vesc_tool).
 """
 
 import enum
+import math
 import struct
 from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
@@ -109,7 +110,11 @@ class CurrentLimits(NamedTuple):
 
 
 class Status(NamedTuple):
-    """Electrical turns per minute, motor current (A), duty cycle."""
+    """Electrical turns per minute, motor current (A), duty cycle.
+
+    The current has the sign of the motor's power: positive where it drives, negative where it brakes, in whichever
+    direction (`mc_interface_get_tot_current_filtered` in the firmware).
+    """
 
     erpm: float
     current: float
@@ -118,6 +123,15 @@ class Status(NamedTuple):
     def motor_velocity(self, pole_pairs: int) -> float:
         """Velocity of the motor's shaft, rad/s."""
         return self.erpm * TURN / (60.0 * pole_pairs)
+
+    def directed_current(self) -> float:
+        """The motor current with the direction of its torque, A: voltage times current is the power.
+
+        At a voltage too small for the wire, 0.1 % of the supply, a current of any size brakes, against the speed.
+        """
+        if self.duty:
+            return math.copysign(1.0, self.duty) * self.current
+        return -math.copysign(self.current, self.erpm) if self.erpm else 0.0
 
 
 class Status5(NamedTuple):
@@ -236,6 +250,7 @@ def frame_of(command: PacketId, controller_id: int, payload: Payload) -> Frame:
 class Comm(enum.IntEnum):
     """The first byte of a packet."""
 
+    FW_VERSION = 0
     GET_VALUES = 4
     SET_DUTY = 5
     SET_CURRENT = 6
@@ -243,6 +258,7 @@ class Comm(enum.IntEnum):
     SET_RPM = 8
     SET_POS = 9
     SET_HANDBRAKE = 10
+    GET_MCCONF = 14
     ALIVE = 30
     FORWARD_CAN = 34
     GET_VALUES_SELECTIVE = 50

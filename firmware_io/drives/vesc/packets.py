@@ -146,7 +146,7 @@ class Mode(enum.IntEnum):
 
 
 class ShortBuffer(NamedTuple):
-    """A packet of 1 to 6 bytes from a sender."""
+    """A packet from a sender; of 1 to 6 bytes where one frame carried it."""
 
     sender_id: int
     mode: Mode
@@ -183,6 +183,47 @@ def frames_of(receiver_id: int, sender_id: int, mode: Mode, packet: bytes) -> li
         offset = end
     last = _PROCESS.pack(sender_id, mode, len(packet), crc16_xmodem(packet))
     return [*frames, _frame(PacketId.PROCESS_RX_BUFFER, receiver_id, last)]
+
+
+class PacketAssembler:
+    """Puts a long packet that comes on CAN together again, as `frames_of` takes it apart; one at a time."""
+
+    __slots__ = ("_kept",)
+
+    def __init__(self) -> None:
+        self._kept = bytearray()
+
+    def take(self, command: PacketId, data: bytes) -> ShortBuffer | None:
+        """Take a frame of a packet; the packet with its sender, of any length, where that completes it.
+
+        Raises:
+            FrameRefusedError: A frame is too short, a part is missing, or length, mode or CRC is wrong.
+        """
+        if command is PacketId.PROCESS_RX_BUFFER:
+            return self._finish(data)
+        head = 1 if command is PacketId.FILL_RX_BUFFER else 2
+        offset = int.from_bytes(data[:head], "big")
+        if offset == 0:
+            self._kept.clear()
+        if len(data) <= head or offset != len(self._kept) or offset + len(data) - head > MAX_PACKET:
+            self._kept.clear()
+            raise FrameRefusedError(Refusal.LENGTH, f"{command.name} at {offset}")
+        self._kept += data[head:]
+        return None
+
+    def _finish(self, data: bytes) -> ShortBuffer:
+        packet = bytes(self._kept)
+        self._kept.clear()
+        if len(data) != _PROCESS.size:
+            raise FrameRefusedError(Refusal.LENGTH, f"PROCESS_RX_BUFFER of {len(data)} bytes")
+        sender_id, mode, length, crc = _PROCESS.unpack(data)
+        if mode != Mode.PASS_ON:
+            raise FrameRefusedError(Refusal.RANGE, f"PROCESS_RX_BUFFER with mode {mode}")
+        if not packet or length != len(packet):
+            raise FrameRefusedError(Refusal.LENGTH, f"packet of {len(packet)} bytes")
+        if crc != crc16_xmodem(packet):
+            raise FrameRefusedError(Refusal.CRC, "PROCESS_RX_BUFFER")
+        return ShortBuffer(sender_id, Mode.PASS_ON, packet)
 
 
 def _frame(command: PacketId, receiver_id: int, data: bytes) -> Frame:

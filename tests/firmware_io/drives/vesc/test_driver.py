@@ -3,6 +3,7 @@
 
 import math
 import random
+import struct
 
 import pytest
 from msgspec.structs import replace
@@ -12,6 +13,7 @@ from segway_ecc.firmware_io.drives.enabling import ENABLE_WITHIN_NS
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
 from segway_ecc.firmware_io.drives.vesc.driver import Vesc
 from segway_ecc.firmware_io.drives.vesc.frames import Current, PacketId, Payload, Status, Status5, frame_of
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, frames_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.integrity import Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link
@@ -96,7 +98,7 @@ def test_is_a_drive_with_named_and_limited_ports(bench: Bench) -> None:
     assert drive.signals == {"right.angle": "rad", "right.velocity": "rad/s", "right.torque": "N m"}
     assert drive.commands == {"right.torque": "N m"}
     assert drive.limits == (3.0,)
-    assert set(drive.listens_to) == {FrameKey(i, is_extended=True) for i in (0x909, 0x1B09, 0x8FD)}
+    assert set(drive.listens_to) == {FrameKey(i, is_extended=True) for i in (0x909, 0x1B09, 0x5FD, 0x6FD, 0x7FD, 0x8FD)}
 
 
 def test_both_wheels_listen_to_frames_of_their_own(link: Link) -> None:
@@ -201,7 +203,8 @@ def test_the_time_out_is_measured_by_a_silence_before_arming(bench: Bench) -> No
     bench.tell_status()
     assert current(0.0) in bench.cycle()
     assert bench.vesc.arming_failures() == [
-        "the time-out of the right VESC (id 9) is being measured; try again in a moment"
+        "the time-out of the right VESC (id 9) is being measured; try again in a moment",
+        "the firmware and limits of the right VESC (id 9) are being read; try again in a moment",
     ]
     silent = 0
     while ask("right", 9, FLAGS) not in (frames := bench.cycle(1.0)):
@@ -212,7 +215,7 @@ def test_the_time_out_is_measured_by_a_silence_before_arming(bench: Bench) -> No
     bench.answer("320020000001")
     assert current(0.0) in bench.cycle()
     bench.tell_status()
-    assert bench.vesc.arming_failures() == []
+    assert not any("time-out" in failure for failure in bench.vesc.arming_failures())
     assert bench.vesc.health["timeout"] == "measured, acts within 90 ms"
     assert bench.vesc.health["timeout_set_s"] == "0.05"
 
@@ -396,6 +399,7 @@ def test_health_has_supply_and_current(bench: Bench) -> None:
         "timeout_set_s": "0.05",
         "timeout": "not measured yet",
         "fault": "not reported",
+        "firmware": "being asked",
         "bus_voltage_v": "36.5",
         "current_a": "-2.5",
         "gaps": "0",
@@ -453,3 +457,75 @@ def test_it_is_off_only_while_status_is_fresh_whatever_else_it_sends(bench: Benc
         bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     said.append(bench.vesc.is_off)
     assert said == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("erpm", "amperes", "duty", "torque"),
+    [
+        (4200, 5.0, 0.1, -1.0),  # drives ahead
+        (4200, -5.0, 0.1, 1.0),  # brakes while it turns ahead
+        (-4200, 5.0, -0.1, 1.0),  # drives back
+        (-4200, -5.0, -0.1, -1.0),  # brakes while it turns back
+        (70, 0.3, 0.0, 0.06),  # the voltage is next to nothing: what current there is brakes
+        (-70, -0.3, 0.0, -0.06),
+        (0, 0.2, 0.0, 0.0),
+    ],
+)
+def test_measured_torque_has_the_direction_of_the_torque(
+    bench: Bench, erpm: float, amperes: float, duty: float, torque: float
+) -> None:
+    """STATUS has the current with the sign of the power; this wheel is turned around and geared 2 to 1."""
+    bench.tell(PacketId.STATUS, Status(erpm, amperes, duty))
+    assert bench.vesc.read().values[2] == pytest.approx(torque)
+
+
+def ask_packet(packet: str) -> Frame:
+    return Frame(0x809, bytes.fromhex("FD00" + packet), is_extended=True)
+
+
+def answer_long(bench: Bench, packet: bytes, sender: int = 9) -> list[bool]:
+    frames = frames_of(253, sender, Mode.PASS_ON, packet)
+    return [bench.vesc.take_frame(replace(frame, received_ns=bench.now_ns)) for frame in frames]
+
+
+VERSION = bytes.fromhex("000600") + b"60_MK5\0" + bytes(13)
+
+
+def mcconf(*currents: float) -> bytes:
+    return (b"\x0e" + struct.pack(">IBBBB4f", 776184161, 0, 0, 2, 0, *currents)).ljust(481, b"\1")
+
+
+def test_firmware_and_limits_are_asked_before_arming_and_compared(bench: Bench) -> None:
+    bench.tell_status()
+    assert ask_packet("00") in bench.cycle()
+    assert all(answer_long(bench, VERSION))
+    assert ask_packet("0E") in bench.cycle()
+    assert all(answer_long(bench, mcconf(14.0, -60.0, 40.0, -20.0)))
+    for _ in range(20):
+        bench.tell_status()
+        assert not {ask_packet("00"), ask_packet("0E")} & set(bench.cycle())
+    assert bench.vesc.health["firmware"] == "6.00 on 60_MK5; motor -60 to 14 A, input -20 to 40 A"
+
+    bench.measure()
+    (failure,) = bench.vesc.arming_failures()
+    assert "the right VESC (id 9) allows 14 A of motor current" in failure
+    assert "max_torque takes 15 A" in failure
+
+
+def test_answers_of_another_controller_are_refused_and_no_question_goes_out_while_enabled(bench: Bench) -> None:
+    bench.tell_status()
+    bench.cycle()
+    assert not answer_long(bench, VERSION, sender=8)[-1]
+    bench.enable()
+    assert not any(frame in (ask_packet("00"), ask_packet("0E")) for _ in range(20) for frame in bench.cycle())
+
+
+def test_a_controller_that_was_away_is_asked_anew(bench: Bench) -> None:
+    bench.tell_status()
+    bench.cycle()
+    answer_long(bench, VERSION)
+    for _ in range(20):
+        bench.cycle()
+    assert bench.vesc.health["firmware"] == "being asked"
+    bench.tell_status()
+    assert ask_packet("00") in bench.cycle()

@@ -57,6 +57,7 @@ VALUES = {name: value for name, (_, value) in REPLY.items()}
 
 def test_numbers_are_the_protocols() -> None:
     assert {comm.name: int(comm) for comm in Comm} == {
+        "FW_VERSION": 0,
         "GET_VALUES": 4,
         "SET_DUTY": 5,
         "SET_CURRENT": 6,
@@ -64,6 +65,7 @@ def test_numbers_are_the_protocols() -> None:
         "SET_RPM": 8,
         "SET_POS": 9,
         "SET_HANDBRAKE": 10,
+        "GET_MCCONF": 14,
         "ALIVE": 30,
         "FORWARD_CAN": 34,
         "GET_VALUES_SELECTIVE": 50,

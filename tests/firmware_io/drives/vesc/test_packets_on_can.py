@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drives.vesc.packets import Mode, ShortBuffer, decode_short, frames_of
+from segway_ecc.firmware_io.drives.vesc.frames import PacketId
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, PacketAssembler, ShortBuffer, decode_short, frames_of
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 from segway_ecc.firmware_io.links.link import Frame
 from tests.fuzzing import fuzzed
@@ -82,3 +83,62 @@ def test_a_short_packet_is_taken_as_it_was_sent_or_refused(data: bytes) -> None:
         short = decode_short(data)
         assert short == ShortBuffer(data[0], Mode(data[1]), data[2:])
         assert frames_of(1, *short)[0].data == data
+
+
+def assembled(frames: list[Frame], assembler: PacketAssembler | None = None) -> ShortBuffer | None:
+    assembler = assembler or PacketAssembler()
+    found = [assembler.take(PacketId(frame.arbitration_id >> 8), frame.data) for frame in frames]
+    assert found[:-1] == [None] * (len(frames) - 1)
+    return found[-1]
+
+
+def test_a_long_packet_is_put_together_with_its_sender() -> None:
+    for length in range(7, 513):
+        packet = bytes(11 * place & 0xFF for place in range(length))
+        assert assembled(frames_of(254, 9, Mode.PASS_ON, packet)) == ShortBuffer(9, Mode.PASS_ON, packet)
+
+
+PACKET = bytes(range(1, 31))
+
+
+@pytest.mark.parametrize("lost", range(5))
+def test_a_packet_with_a_part_missing_is_refused_and_the_next_one_taken(lost: int) -> None:
+    frames = frames_of(254, 9, Mode.PASS_ON, PACKET)
+    assembler = PacketAssembler()
+    with pytest.raises(FrameRefusedError):
+        assembled(frames[:lost] + frames[lost + 1 :], assembler)
+    assert assembled(frames, assembler) == ShortBuffer(9, Mode.PASS_ON, PACKET)
+
+
+@pytest.mark.parametrize(
+    ("data", "refusal"),
+    [
+        (b"\x09\x01\x00", Refusal.LENGTH),
+        (b"\x09\x00\x00\x1e", Refusal.RANGE),
+        (b"\x09\x01\x00\x1d", Refusal.LENGTH),
+        (b"\x09\x01\x00\x1e", Refusal.CRC),
+    ],
+)
+def test_a_packet_of_another_length_mode_or_crc_is_refused(data: bytes, refusal: Refusal) -> None:
+    assembler = PacketAssembler()
+    for frame in frames_of(254, 9, Mode.PASS_ON, PACKET)[:-1]:
+        assembler.take(PacketId(frame.arbitration_id >> 8), frame.data)
+    wrong = (crc16_xmodem(PACKET) ^ (refusal is Refusal.CRC)).to_bytes(2, "big") if len(data) == 4 else b""
+    with pytest.raises(FrameRefusedError) as refused:
+        assembler.take(PacketId.PROCESS_RX_BUFFER, data + wrong)
+    assert refused.value.refusal is refusal
+
+
+def test_nothing_is_no_packet() -> None:
+    with pytest.raises(FrameRefusedError):
+        PacketAssembler().take(PacketId.PROCESS_RX_BUFFER, bytes.fromhex("090100000000"))
+
+
+@fuzzed
+@given(st.lists(st.tuples(st.sampled_from([5, 6, 7]), st.binary(max_size=8)), max_size=90))
+def test_no_frames_keep_more_than_the_longest_packet(frames: list[tuple[int, bytes]]) -> None:
+    assembler = PacketAssembler()
+    for command, data in frames:
+        with contextlib.suppress(FrameRefusedError):
+            assembler.take(PacketId(command), data)
+        assert len(assembler._kept) <= 512
