@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A CANopen node as CiA 301 defines it: object dictionary, SDO server, NMT, heartbeats, PDOs on SYNC."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -57,6 +57,7 @@ class Abort:
     NOT_MAPPABLE: Final = 0x06040041
     PDO_LENGTH: Final = 0x06040042
     LENGTH: Final = 0x06070010
+    VALUE: Final = 0x06090030
     NO_SUBINDEX: Final = 0x06090011
     STATE: Final = 0x08000022
 
@@ -72,12 +73,16 @@ class SdoAbortError(Exception):
 
 @dataclass(slots=True)
 class ObjectEntry:
-    """An object: its value as an unsigned number of `size` bytes, and what may be done with it."""
+    """An object: its value as an unsigned number of `size` bytes, and what may be done with it.
+
+    `allowed` are the only values that may be written by SDO; None for any.
+    """
 
     size: int
     value: int = 0
     access: str = "rw"
     mappable: bool = False
+    allowed: Collection[int] | None = None
 
     @property
     def signed(self) -> int:
@@ -146,6 +151,8 @@ class ObjectDictionary:
         value = int.from_bytes(data, "little")
         if RPDO_MAPPING <= key[0] < RPDO_MAPPING + PDOS or TPDO_MAPPING <= key[0] < TPDO_MAPPING + PDOS:
             self._check_mapping(key, value)
+        if entry.allowed is not None and value not in entry.allowed:
+            raise SdoAbortError(Abort.VALUE)
         entry.value = value
 
     def _check_mapping(self, key: Key, value: int) -> None:
@@ -257,8 +264,9 @@ class CanopenSlave:
             self._link.send(Frame(self.objects[TPDO + number, 1].value & 0x7FF, data))
 
     def send_emergency(self, emergency: Emergency) -> None:
-        """Report an error, at once."""
+        """Report an error, at once, and show it in the error register, 0x1001."""
         if self.is_powered:
+            self.objects[0x1001, 0].put(emergency.register)
             self._send(EMERGENCY, emergency.pack())
 
     def _obey(self, data: bytes) -> None:
@@ -316,6 +324,7 @@ class CanopenSlave:
 def _communication_defaults(node_id: int) -> dict[Key, ObjectEntry]:
     """The objects of CiA 301 that are used; PDOs exist, switched off and mapped to nothing."""
     objects = {
+        (0x1001, 0): ObjectEntry(1, 0, "r"),
         (0x1005, 0): ObjectEntry(4, 0x80),
         (0x1006, 0): ObjectEntry(4),
         (0x1016, 0): ObjectEntry(1, 1, "r"),

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Two CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque mode."""
+"""Two CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque modes.
+
+Sources: CiA 301 for 0x1001, 0x1018, EMCY and abort codes; CiA 402 (IEC 61800-7-201) for modes, 0x6087 and 0x60C2.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 from segway_ecc.firmware_io.devices import TURN
-from segway_ecc.firmware_io.drives.cia402.frames import DriveState, Emergency
+from segway_ecc.firmware_io.drives.cia402.frames import DriveState, Emergency, Service
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
@@ -21,7 +25,16 @@ MAX_TORQUE_PERMILLE: Final = 3_000
 """Where the motor's current saturates, 0x6072."""
 _PERMILLE_MNM: Final = 1e-6 * RATED_TORQUE_MNM
 """One step of 0x6071, N m."""
-_TORQUE_MODE: Final = 10
+PROFILE_TORQUE: Final = 4
+CYCLIC_TORQUE: Final = 10
+"""Modes of operation in which a drive gives torque."""
+PRODUCT_CODE: Final = 402
+REVISION: Final = 0x0001_0000
+INTERPOLATION_FAULT: Final = Emergency(0x6320, 0x21)
+"""A wrong parameter; error register: generic, and of the profile."""
+_CONTROLWORD: Final = 0x6040
+_MODE: Final = 0x6060
+_PERIOD: Final = 0x60C2
 _DC_LINK: Final = 0x6079
 _MILLIVOLT: Final = 0.001
 
@@ -39,7 +52,11 @@ _STATUSWORDS: Final = {
 _ON: Final = (DriveState.READY, DriveState.SWITCHED_ON, DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
 _OBJECTS: Final[Mapping[Key, ObjectEntry]] = {
     (0x1000, 0): ObjectEntry(4, 0x0002_0192, "r"),
-    (0x1001, 0): ObjectEntry(1, 0, "r"),
+    (0x1018, 0): ObjectEntry(1, 4, "r"),
+    (0x1018, 1): ObjectEntry(4, 0, "r"),
+    (0x1018, 2): ObjectEntry(4, PRODUCT_CODE, "r"),
+    (0x1018, 3): ObjectEntry(4, REVISION, "r"),
+    (0x1018, 4): ObjectEntry(4, 0, "r"),
     (0x6007, 0): ObjectEntry(2, 1),
     (0x6040, 0): ObjectEntry(2, 0, mappable=True),
     (0x6041, 0): ObjectEntry(2, _STATUSWORDS[DriveState.SWITCH_ON_DISABLED], "r", mappable=True),
@@ -53,25 +70,59 @@ _OBJECTS: Final[Mapping[Key, ObjectEntry]] = {
     (0x6076, 0): ObjectEntry(4, RATED_TORQUE_MNM, "r"),
     (0x6077, 0): ObjectEntry(2, 0, "r", mappable=True),
     (_DC_LINK, 0): ObjectEntry(4, 0, "r", mappable=True),
-    (0x6502, 0): ObjectEntry(4, 0x0200, "r"),
+    (0x6087, 0): ObjectEntry(4, 10_000),
+    (_PERIOD, 0): ObjectEntry(1, 2, "r"),
+    (_PERIOD, 1): ObjectEntry(1, 1),
+    (_PERIOD, 2): ObjectEntry(1, 0xFD),
+    (0x6502, 0): ObjectEntry(4, 0, "r"),
 }
-"""The objects of the profile, as after power-on."""
+"""The objects of the profile, as after power-on; the period of the set-points is 1 ms, and 0x6087 in 0.1 % a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveKind:
+    """What distinguishes one maker's drive from another's.
+
+    Attributes:
+        lacks: The objects that it does not have.
+        modes: Its modes of operation, as 0x6502 shows them.
+        keeps_mode_silently: Whether it accepts another mode in 0x6060 without an abort, and shows the old in 0x6061.
+        needs_sync_period: Whether 0x60C2 must be the period of SYNC, or it faults when it is enabled in a cyclic mode.
+    """
+
+    lacks: Collection[int] = ()
+    modes: Collection[int] = (CYCLIC_TORQUE,)
+    keeps_mode_silently: bool = False
+    needs_sync_period: bool = False
+
+    def objects(self, node_id: int) -> dict[Key, ObjectEntry]:
+        """Its object dictionary, as after power-on; its serial number is its node's."""
+        objects = {key: replace(entry) for key, entry in _OBJECTS.items() if key[0] not in self.lacks}
+        if (0x1018, 4) in objects:
+            objects[0x1018, 4].put(node_id)
+        if (0x6502, 0) in objects:
+            objects[0x6502, 0].put(sum(1 << (mode - 1) for mode in self.modes))
+        if not self.keeps_mode_silently:
+            objects[_MODE, 0].allowed = {0, *self.modes}
+        return objects
 
 
 class SimulatedDrive:
     """One drive, whose motor gives `torque`, N m."""
 
-    def __init__(self, link: Link, settings: Cia402WheelSettings, lacks: Collection[int] = ()) -> None:
-        """Switch a drive on that does not have the objects that it `lacks`."""
+    def __init__(self, link: Link, settings: Cia402WheelSettings, kind: DriveKind) -> None:
+        """Switch a drive of a kind on."""
         self._settings = settings
+        self._kind = kind
         self.state = DriveState.SWITCH_ON_DISABLED
         self.torque = 0.0
         self._last_controlword = 0
         self._origin_counts = 0
         self._position_counts = 0
-        self._lacks = frozenset(lacks)
-        objects = {key: entry for key, entry in _OBJECTS.items() if key[0] not in self._lacks}
-        self.slave = CanopenSlave(link, settings.node_id, objects, self._lose_host)
+        self._permille = 0.0
+        self._sync_ns: int | None = None
+        self._sync_period_ns = 0
+        self.slave = CanopenSlave(link, settings.node_id, kind.objects(settings.node_id), self._lose_host)
 
     def switch_off(self) -> None:
         """Cut its supply: it is silent, and its motor free."""
@@ -93,16 +144,44 @@ class SimulatedDrive:
             self.state = DriveState.FAULT
         for frame in frames:
             self.slave.receive(frame, now_ns)
-        self._follow(objects[0x6040, 0].value)
+            if frame.arbitration_id == Service.SYNC and not frame.is_extended:
+                self._sync_period_ns = now_ns - (now_ns if self._sync_ns is None else self._sync_ns)
+                self._sync_ns = now_ns
+        was_enabled = self.state is DriveState.OPERATION_ENABLED
+        self._follow(objects[_CONTROLWORD, 0].value)
+        if not was_enabled and self.state is DriveState.OPERATION_ENABLED and not self._has_sync_period():
+            self.slave.send_emergency(INTERPOLATION_FAULT)
+            self.state = DriveState.FAULT_REACTION_ACTIVE
         if self.slave.is_powered:
             self.slave.watch(now_ns)
-        objects[0x6061, 0].put(objects[0x6060, 0].value)
-        is_on = self.state is DriveState.OPERATION_ENABLED and objects[0x6061, 0].value == _TORQUE_MODE
-        limit = objects[0x6072, 0].value
-        permille = min(max(objects[0x6071, 0].signed, -limit), limit) if is_on else 0
+        if objects[_MODE, 0].value in self._kind.modes or not objects[_MODE, 0].value:
+            objects[0x6061, 0].put(objects[_MODE, 0].value)
+        permille = self._wanted_permille()
         objects[0x6077, 0].put(permille)
         self.torque = permille * _PERMILLE_MNM
         return self._settings.wheel_torque(self.torque)
+
+    def _wanted_permille(self) -> int:
+        """The torque: in cyclic mode the target itself, in profile mode on its way there with the slope of 0x6087."""
+        objects = self.slave.objects
+        mode, limit = objects[0x6061, 0].value, objects[0x6072, 0].value
+        target = min(max(objects[0x6071, 0].signed, -limit), limit)
+        if self.state is not DriveState.OPERATION_ENABLED or mode not in (PROFILE_TORQUE, CYCLIC_TORQUE):
+            self._permille = 0.0
+        elif mode == CYCLIC_TORQUE:
+            self._permille = target
+        else:
+            step = objects[0x6087, 0].value * TICK_NS * 1e-9
+            self._permille += min(max(target - self._permille, -step), step)
+        return round(self._permille)
+
+    def _has_sync_period(self) -> bool:
+        """Whether the period of the set-points is that of SYNC, to a tick, where the drive needs that."""
+        objects = self.slave.objects
+        if not self._kind.needs_sync_period or objects[0x6061, 0].value != CYCLIC_TORQUE:
+            return True
+        period_ns = objects[_PERIOD, 1].value * 10.0 ** (9 + objects[_PERIOD, 2].signed)
+        return abs(period_ns - self._sync_period_ns) <= TICK_NS
 
     def send_telemetry(self, now_ns: int, angle: float, velocity: float, supply: float) -> None:
         """Measure the wheel (rad, rad/s) and the supply (V), and send what is due."""
@@ -111,7 +190,7 @@ class SimulatedDrive:
         objects[0x6064, 0].put(self._position_counts - self._origin_counts)
         objects[0x606C, 0].put(round(self._settings.motor(velocity) / TURN / self._settings.velocity_unit_turns))
         objects[0x6041, 0].put(_STATUSWORDS[self.state])
-        if _DC_LINK not in self._lacks:
+        if _DC_LINK not in self._kind.lacks:
             objects[_DC_LINK, 0].put(max(round(supply / _MILLIVOLT), 0))
         self.slave.send_telemetry(now_ns)
 
@@ -159,12 +238,12 @@ class SimulatedCia402:
     needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
 
     def __init__(
-        self, link: Link, settings: Cia402Settings, port: Port | None = None, lacks: Collection[int] = ()
+        self, link: Link, settings: Cia402Settings, port: Port | None = None, kind: DriveKind = DriveKind()
     ) -> None:
-        """Switch both drives on, without the objects that they are to lack; they have no serial line."""
+        """Switch both drives on, of one kind; they have no serial line."""
         del port
-        self.left = SimulatedDrive(link, settings.left, lacks)
-        self.right = SimulatedDrive(link, settings.right, lacks)
+        self.left = SimulatedDrive(link, settings.left, kind)
+        self.right = SimulatedDrive(link, settings.right, kind)
 
     @property
     def refused_frames(self) -> int:

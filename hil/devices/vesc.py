@@ -8,7 +8,6 @@ voltage; the modes that the driver does not use follow their targets proportiona
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
 from segway_ecc.firmware_io.devices import TURN
@@ -37,8 +36,11 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelS
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.hil.devices._vesc_configuration import Firmware, configuration_reply, version_reply
 from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE, supply_voltage
 from segway_ecc.hil.devices.family import SimulatedDrives
+
+__all__ = ["TICK_NS", "Controller", "Firmware", "SimulatedVesc", "VescFault"]
 
 TICK_NS: Final = 1_000_000
 """Period of the simulated firmware's loop."""
@@ -49,7 +51,6 @@ _FAULT_NS: Final = 500_000_000
 _CURRENT_LAG_S: Final = 0.001
 _CURRENT_STEP: Final = 1.0 - math.exp(-TICK_NS * 1e-9 / _CURRENT_LAG_S)
 _MIN_CURRENT: Final = 0.05
-_MAX_DUTY: Final = 0.95
 _LEAST_VOLTAGE: Final = 1.0
 """The duty cycle is a part of the supply, which must not be nothing."""
 _RESISTANCE: Final = 0.1
@@ -69,25 +70,6 @@ class VescFault(enum.IntEnum):
     NONE = 0
     OVER_VOLTAGE = 1
     OVER_TEMPERATURE = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Firmware:
-    """What is set with VESC Tool; the defaults are those of a new controller.
-
-    Attributes:
-        timeout_s: Time without a command after which the motor is let go, s; 0 never.
-        timeout_brake_current: Current that brakes it then, A.
-        status: Which of the status messages 1 to 6 are sent, and how often, 1/s.
-        max_current: Limit of the motor current, A.
-        knows_flags: Whether the release is new enough to send its flags.
-    """
-
-    timeout_s: float = 1.0
-    timeout_brake_current: float = 0.0
-    status: Mapping[int, float] = field(default_factory=dict)
-    max_current: float = 60.0
-    knows_flags: bool = True
 
 
 class Controller:
@@ -149,8 +131,7 @@ class Controller:
             self._fault_until_ns = now_ns + _FAULT_NS
         if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
             self.fault, self._fault_until_ns = VescFault.NONE, None
-        limit = self.firmware.max_current
-        wanted = 0.0 if self.fault else min(max(self._wanted_current(), -limit), limit)
+        wanted = 0.0 if self.fault else self._limited(self._wanted_current())
         self.current += ((wanted if abs(wanted) >= _MIN_CURRENT else 0.0) - self.current) * _CURRENT_STEP
         return self._settings.wheel_torque(self.current * self._settings.torque_constant)
 
@@ -176,6 +157,7 @@ class Controller:
         """The reply to a GET_VALUES or GET_VALUES_SELECTIVE packet."""
         values = dict.fromkeys(FIELD_NAMES, 0.0) | {
             "motor_current": self._power_current,
+            "q_current": self.current,
             "duty": self._duty,
             "erpm": self._erpm,
             "bus_voltage": self.bus_voltage,
@@ -196,22 +178,42 @@ class Controller:
             return -math.copysign(target, self._velocity) if self._velocity else 0.0
         match self._mode:
             case PacketId.SET_DUTY:
-                return (min(max(target, -_MAX_DUTY), _MAX_DUTY) - self._duty) * self.bus_voltage / _RESISTANCE
+                most = self.firmware.max_duty
+                return (min(max(target, -most), most) - self._induced_duty) * self.bus_voltage / _RESISTANCE
             case PacketId.SET_RPM:
                 return (target - self._erpm) * _SPEED_GAIN
             case PacketId.SET_POS:
                 return math.remainder(math.radians(target) - self._angle, TURN) * _POSITION_GAIN
         return target
 
+    def _limited(self, current: float) -> float:
+        """A motor current within its limits: one for driving, which falls near the limit of speed, one for braking."""
+        firmware = self.firmware
+        begins = firmware.erpm_start * firmware.max_erpm
+        share = min(max((firmware.max_erpm - abs(self._erpm)) / max(firmware.max_erpm - begins, 1.0), 0.0), 1.0)
+        driving, braking = firmware.max_current * share, firmware.braking_current
+        if self._velocity < 0.0:
+            return min(max(current, -driving), braking)
+        return min(max(current, -braking), driving)
+
     @property
     def _power_current(self) -> float:
-        """The motor current as it is reported: with the sign of the motor's power."""
+        """The motor current in STATUS and GET_VALUES, A.
+
+        It has the sign of voltage times current, which is that of the power, and the magnitude of the current
+        (`mcpwm_foc_get_tot_current_filtered`, which `comm_can_send_status1` sends; bldc 6.05).
+        """
         return math.copysign(self.current, self.current * self._duty)
 
     @property
-    def _duty(self) -> float:
-        """As far as speed makes it."""
+    def _induced_duty(self) -> float:
+        """The duty cycle as far as speed makes it."""
         return min(max(self._settings.torque_constant * self._velocity / self.bus_voltage, -1.0), 1.0)
+
+    @property
+    def _duty(self) -> float:
+        """The duty cycle: what speed induces, and what drives the current through the resistance."""
+        return min(max(self._induced_duty + self.current * _RESISTANCE / self.bus_voltage, -1.0), 1.0)
 
     @property
     def _erpm(self) -> int:
@@ -237,7 +239,10 @@ class SimulatedVesc:
     ) -> None:
         """Switch two controllers on, set up by `settings` where no `firmware` is given."""
         rate_hz = settings.status_rate_hz
-        used = firmware or Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
+        # The 74 frames of two answers to GET_MCCONF delay STATUS by more than the driver allows.
+        used = firmware or Firmware(
+            timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz}, answers_configuration=False
+        )
         self.left, self.right = Controller(settings.left, used), Controller(settings.right, used)
         self.bus_is_whole = True
         self.refused_frames = 0
@@ -297,6 +302,10 @@ class SimulatedVesc:
         try:
             if packet[0] in (Comm.GET_VALUES, Comm.GET_VALUES_SELECTIVE):
                 return controller.reply(packet)
+            if packet[0] == Comm.FW_VERSION:
+                return version_reply(controller.controller_id)
+            if packet[0] == Comm.GET_MCCONF:
+                return configuration_reply(controller.firmware) if controller.firmware.answers_configuration else None
             if packet[0] in _SET_BY_PACKET:
                 command = _SET_BY_PACKET[packet[0]]
                 controller.obey(command, decode(command, packet[1:5]), now_ns)

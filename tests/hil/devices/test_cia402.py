@@ -10,7 +10,7 @@ import pytest
 from segway_ecc.firmware_io.drives.cia402.frames import DriveState
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.devices.cia402 import RATED_TORQUE_MNM, TICK_NS, SimulatedCia402
+from segway_ecc.hil.devices.cia402 import RATED_TORQUE_MNM, TICK_NS, DriveKind, SimulatedCia402
 from segway_ecc.hil.devices.device import Device
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from tests.hil.devices.cia402_faults import latch_fault
@@ -29,12 +29,12 @@ TURN = 2.0 * math.pi
 class Bench:
     """Both drives on a bus so fast that what is sent has arrived before the next tick."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: DriveKind | None = None) -> None:
         self.now_ns = 0
         bus = SimulatedBus(1_000_000_000, lambda: self.now_ns)
         self.host = bus.attach("host")
         self.link = bus.attach("drives")
-        self.drives = SimulatedCia402(self.link, SETTINGS)
+        self.drives = SimulatedCia402(self.link, SETTINGS, kind=kind or DriveKind())
         self.outputs = {"left.angle": 0.0, "left.velocity": 0.0, "right.angle": 0.0, "right.velocity": 0.0}
         self.torques: tuple[float, ...] = ()
 
@@ -241,7 +241,7 @@ def test_torque_is_in_permille_of_rated_and_saturates(bench: Bench) -> None:
 
 def test_there_is_torque_in_operation_and_torque_mode_only(bench: Bench) -> None:
     bench.enable()
-    bench.ask("2f60600008000000")
+    bench.ask("2f60600000000000")
     bench.command(0x0F, 500)
     assert bench.torques[0] == 0.0
     assert bench.torques[1] == pytest.approx(0.75)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.devices.cia402 import SimulatedCia402
+from segway_ecc.hil.devices.cia402 import DriveKind, SimulatedCia402
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
@@ -84,7 +84,7 @@ def test_the_robot_has_one_signal_of_its_supply_with_its_unit(name: str) -> None
 
 
 def test_drives_without_the_object_are_armed_and_their_supply_is_never_fresh() -> None:
-    bench = Bench("cart-cia402", SimulatedCia402, lacks=(0x6079,))
+    bench = Bench("cart-cia402", SimulatedCia402, kind=DriveKind(lacks=(0x6079,)))
     assert bench.supply(150) == (0.0, False)
     bench.hardware.arm()
     sensors = bench.cycle(10)

@@ -234,7 +234,7 @@ def test_status_reports_what_is_measured(bench: Bench) -> None:
     bench.run(26)
     told = {f.arbitration_id: decode(f.arbitration_id >> 8, f.data) for f in bench.heard()}
     assert told[0x901] == pytest.approx((2005, 0.0, 0.083))
-    assert told[0x902] == pytest.approx((-4010, -10.0, -0.167)), "it brakes"
+    assert told[0x902] == pytest.approx((-4010, -10.0, -0.139)), "it brakes; 10 A take 28 thousandths"
     assert told[0x1B01] == pytest.approx((6, 36.0))  # 42 / tau = 6.7 steps
     assert told[0x1B02] == pytest.approx((-14, 36.0))  # -84 / tau = -13.4 steps
 
@@ -342,7 +342,7 @@ def test_older_firmware_does_not_send_its_flags() -> None:
 
 
 @pytest.mark.parametrize(
-    "packet", ["05", "06", "060000", "3200", "3200400000", "FF", "00", "22", "2202", "220206", "2202220106"]
+    "packet", ["05", "06", "060000", "3200", "3200400000", "FF", "01", "22", "2202", "220206", "2202220106"]
 )
 def test_a_packet_that_makes_no_sense_changes_nothing(bench: Bench, packet: str) -> None:
     bench.port.to_device = frame_packet(bytes.fromhex(packet))
