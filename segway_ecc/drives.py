@@ -6,14 +6,13 @@ See "Your own drive" in the documentation, and `segway_ecc.testing.check_conform
 
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.devices import Drive, FrameKey, Freshness, Readings, stale_after_ns
-from segway_ecc.firmware_io.drives.enabling import ENABLE_WITHIN_NS, PhasedDrive
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.family import DriveFamily, DriveWatchdog
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, Stopper
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
 
 __all__ = [
-    "ENABLE_WITHIN_NS",
     "BusSettings",
     "Clock",
     "Drive",
@@ -25,6 +24,7 @@ __all__ = [
     "Link",
     "Meaning",
     "Observation",
+    "Phase",
     "PhasedDrive",
     "Readings",
     "Stopper",
