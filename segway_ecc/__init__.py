@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """From a control model that works on the bench to the software of a real robot.
 
-What other code may import is what `__all__` lists here and in `segway_ecc.testing`; it stays as it is from one version
-to the next. Everything in the rooms `firmware_io`, `node`, `deploy` and `hil` may change.
+What other code may import is what `__all__` lists here, in `segway_ecc.drives` and in `segway_ecc.testing`; it stays as
+it is from one version to the next. Everything in the rooms `firmware_io`, `node`, `deploy` and `hil` may change.
 """
 
 import importlib

@@ -7,6 +7,8 @@ Everything runs in one thread and in simulated time, so a test takes no longer t
     bench.stage.send_setpoint(3, Setpoint(1.0, 0.0))
     bench.loop.run(cycles=100)
     assert bench.hardware.sent[50] == (24.0,)
+
+And what tries a drive family with its simulated drives: `check_conformance`.
 """
 
 from collections import defaultdict
@@ -18,6 +20,10 @@ from msgspec.structs import replace
 from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.hil.conformance.kit import CONFORMANCE_ASPECTS, check_conformance
+from segway_ecc.hil.conformance.rig import NonconformanceError
+from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.family import SimulatedDrives
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import (
     CycleRecord,
@@ -43,14 +49,19 @@ from segway_ecc.node.safety.modes import Action, Answer
 from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
 __all__ = [
+    "CONFORMANCE_ASPECTS",
     "START_NS",
     "WALL_START_NS",
     "Bench",
+    "Device",
     "KeepingRecorder",
+    "NonconformanceError",
     "RecordingHardware",
     "ScriptedClock",
     "ScriptedStage",
     "SetpointLimits",
+    "SimulatedDrives",
+    "check_conformance",
 ]
 
 START_NS: Final = 1_000_000_000

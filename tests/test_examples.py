@@ -19,7 +19,7 @@ from tests.patience import PATIENCE_S
 Run = Callable[..., Any]
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-ALLOWED = {"segway_ecc", "segway_ecc.testing", "numpy", "rclpy"}
+ALLOWED = {"segway_ecc", "segway_ecc.drives", "segway_ecc.testing", "pocket_drive", "numpy", "rclpy"}
 ROBOT = str(EXAMPLES / "robot" / "robot.yaml")
 
 

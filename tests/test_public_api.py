@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import segway_ecc
-from segway_ecc import testing
+from segway_ecc import drives, testing
 
 
 @pytest.mark.parametrize("name", segway_ecc.__all__)
@@ -18,6 +18,11 @@ def test_a_public_name_is_there_and_documented(name: str) -> None:
 @pytest.mark.parametrize("name", testing.__all__)
 def test_a_public_fake_is_there_and_documented(name: str) -> None:
     assert getattr(testing, name).__doc__
+
+
+@pytest.mark.parametrize("name", drives.__all__)
+def test_a_public_part_of_a_drive_family_is_there_and_documented(name: str) -> None:
+    assert getattr(drives, name).__doc__
 
 
 def test_dir_shows_public_names_before_their_first_use() -> None:

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Whether a drive family keeps what the rest of the software relies on."""
