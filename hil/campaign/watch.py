@@ -78,7 +78,8 @@ class DriveWatch:
             self.last_push_ns = elapsed_ns
         if self._pitch is not None:
             tilt = abs(outputs[self._pitch])
-            self.max_tilt = max(self.max_tilt or 0.0, tilt)
+            if self.max_tilt is None or tilt > self.max_tilt:  # max() takes longer
+                self.max_tilt = tilt
             self._has_stood = self._has_stood or tilt < _STANDS_RAD
             self.has_fallen = self.has_fallen or (self._has_stood and tilt > _LIES_RAD)
 

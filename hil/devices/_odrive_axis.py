@@ -120,6 +120,7 @@ class SimulatedAxis:
         self.enable_overspeed_error = True
         self.enable_torque_mode_velocity_limit = True
         self.counts_per_turn = 8192
+        self._motor_per_wheel = self.settings.motor(1.0)
         self.supply_voltage = SUPPLY_VOLTAGE
         self.restart()
 
@@ -193,8 +194,10 @@ class SimulatedAxis:
         """Torque of the motor now: nothing unless in closed loop, and without an error."""
         if self.state is not AxisState.CLOSED_LOOP_CONTROL or self.error:
             return 0.0
-        limit = self.current_limit_a * self.torque_constant
-        return min(max(self._wanted(), -limit), limit)
+        limit, wanted = self.current_limit_a * self.torque_constant, self._wanted()
+        if -limit <= wanted <= limit:  # as in most ticks
+            return wanted
+        return min(max(wanted, -limit), limit)
 
     @property
     def current_a(self) -> float:
@@ -209,8 +212,8 @@ class SimulatedAxis:
 
     def move(self, angle: float, velocity: float) -> None:
         """Take where the wheel is, rad, and how fast it turns, rad/s."""
-        motor = self.settings.motor
-        self._turns, self.velocity_rev_s = motor(angle) / TURN, motor(velocity) / TURN
+        per_wheel = self._motor_per_wheel
+        self._turns, self.velocity_rev_s = angle * per_wheel / TURN, velocity * per_wheel / TURN
         if self._origin_turns is None:
             self._origin_turns = float(math.floor(self._turns)) if self.has_absolute_encoder else self._turns
 

@@ -110,6 +110,13 @@ class _Cycle:
         self.last_ns = now_ns
         return True
 
+    @property
+    def next_ns(self) -> float:
+        """When it is next due; infinite where it is never."""
+        if not self.period_ns:
+            return math.inf
+        return -math.inf if self.last_ns is None else self.last_ns + self.period_ns
+
 
 class SimulatedOdrive:
     """Two wheels on ODrives; see `Device`.
@@ -146,6 +153,7 @@ class SimulatedOdrive:
         self.is_on = True
         self.cycles = [self._cycles(settings) for _ in self.axes]
         self._link = link
+        self._next_ns = -math.inf
         self._refused = 0
         self._pack = _PACK.get(self.release, _PACK[Release.V0_5_5])
         self._ends = [(axis, self.boards[-1 if axis is self.axes[1] else 0]) for axis in self.axes]
@@ -188,7 +196,7 @@ class SimulatedOdrive:
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due."""
-        if not self.is_on:
+        if not self.is_on or now_ns < self._next_ns:  # as in most ticks
             return
         due = [
             (end, cycle.command)
@@ -196,7 +204,8 @@ class SimulatedOdrive:
             for cycle in cycles
             if cycle.is_due(now_ns)
         ]
-        if due:  # in one tick of several
+        self._next_ns = min(cycle.next_ns for cycles in self.cycles for cycle in cycles)
+        if due:
             self._move(outputs)
         for (axis, board), command in due:
             self._send(axis, board, command)

@@ -36,12 +36,13 @@ class DisturbedPlant(PlantFront):
         motors = injections.of("left_motor", "right_motor", "battery")
         self._motors = [_Disturbance(i, plant.inputs, plant.step_size) for i in motors]
         self._disturbances = (*self._motors, *self._sensors)
+        self._varying = [each for each in self._disturbances if each.may_act_each_step]
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps, at once where none of them is disturbed otherwise than the others; see `Advancing`."""
         if not self._disturbances:
             return super().advance(u, steps)
-        if not any(disturbance.acts_each_step for disturbance in self._disturbances):
+        if not any(disturbance.acts_each_step for disturbance in self._varying):
             return self._disturbed(u, steps)
         for _ in range(steps - 1):
             self._disturbed(u, 1)
@@ -77,6 +78,11 @@ class _Disturbance:
         self._varies = (fault.target, fault.type) in _VARYING
         length = round(injection.size / step_size) + 1 if fault.type == "delayed" else 1
         self._past: deque[list[float]] = deque(maxlen=length)
+
+    @property
+    def may_act_each_step(self) -> bool:
+        """Whether there are times at which `acts_each_step`."""
+        return self._varies or self._injection.fault.type == "delayed"
 
     @property
     def acts_each_step(self) -> bool:

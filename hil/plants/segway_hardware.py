@@ -249,11 +249,14 @@ class Imu:
 
     def _distort(self, motion: Sequence[float]) -> Sequence[float]:
         """Add scale, bias, and noise, which is drawn two axes at a time (Box and Muller's method, 1958)."""
-        draw, shown = self._random.random, list[float]()
+        draw, log, sqrt, cos, sin = self._random.random, math.log, math.sqrt, math.cos, math.sin
+        shown: list[float] = []
         for x, y, (factor, bias, noise, other_factor, other_bias, other_noise) in zip(
             motion[::2], motion[1::2], self._errors, strict=True
         ):
-            radius, angle = math.sqrt(-2.0 * math.log(1.0 - draw())), _TURN * draw()
-            shown.append(factor * x + bias + noise * radius * math.cos(angle))
-            shown.append(other_factor * y + other_bias + other_noise * radius * math.sin(angle))
+            radius, angle = sqrt(-2.0 * log(1.0 - draw())), _TURN * draw()
+            shown += (
+                factor * x + bias + noise * radius * cos(angle),
+                other_factor * y + other_bias + other_noise * radius * sin(angle),
+            )
         return shown

@@ -67,9 +67,12 @@ class SimulatedRobot:
         except LinkLostError:  # a bus that is gone carries nothing; what happens then is what is simulated
             frames = ()
         outputs = self._measured()
+        inputs = self.inputs
         for device, places in self._driving:
-            for place, value in zip(places, device.obey(frames, now_ns, outputs), strict=True):
-                self.inputs[place] = value
+            given = device.obey(frames, now_ns, outputs)
+            if places:
+                for place, value in zip(places, given, strict=True):
+                    inputs[place] = value
         self._ticks += 1
         if self._ticks % self._ticks_per_step == 0:
             self.outputs, self._by_name_of = self._advance(self.inputs, self._steps), None

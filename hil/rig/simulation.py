@@ -172,8 +172,10 @@ class LockstepRig:
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Let the devices run, and the sources act, up to the deadline."""
         while (
-            due_ns := min((at for s in self._sources if (at := s.next_ns) is not None), default=deadline_ns)
-        ) < deadline_ns:
+            self._sources
+            and (due_ns := min((at for s in self._sources if (at := s.next_ns) is not None), default=deadline_ns))
+            < deadline_ns
+        ):
             self._run_until(due_ns)
             for source in self._sources:
                 if source.next_ns is not None and source.next_ns <= due_ns:
@@ -181,11 +183,11 @@ class LockstepRig:
         self._run_until(deadline_ns)
 
     def _run_until(self, deadline_ns: int) -> None:
-        robot = self._robot
+        robot, observe = self._robot, self._observe
         while robot is not None and self._next_tick_ns < deadline_ns:
-            self._now_ns = self._next_tick_ns
-            robot.tick(self._now_ns)
-            if self._observe is not None:
-                self._observe(self.wall_ns(), robot.outputs)
+            self._now_ns = now_ns = self._next_tick_ns
+            robot.tick(now_ns)
+            if observe is not None:
+                observe(WALL_START_NS + now_ns, robot.outputs)
             self._next_tick_ns += robot.tick_ns
         self._now_ns = max(self._now_ns, deadline_ns)
