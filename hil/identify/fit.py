@@ -35,8 +35,9 @@ _LEAST_PASSES: Final = 4
 _OUTLIER: Final = 4.0
 """Times the median of the windows' mean square."""
 _MODEL_DEVIATION: Final = 0.0075
-_FRICTION_DEVIATIONS: Final = {"CoulombFriction": 0.02, "ViscousFriction": 0.5}
-"""Of every size and of these, as shares, for what the equations leave out, which all windows have in common.
+_LEFT_OUT: Final = {"CoulombFriction": 0.02, "ViscousFriction": 0.8, "BodyRollInertia": 0.1}
+"""Of every parameter of the plant and of these, as shares, for what the equations leave out, which all windows have in
+common.
 
 Set by what was left on the robots of tests/hil/identify/test_unknown_robots.py. Viscous friction is a few hundredths of
 the torque at ordinary speeds, where tyres have losses of the same order.
@@ -98,7 +99,10 @@ class Fitter:
         self._bias = [i for i, q in enumerate(quantities) if q.name.startswith("GyroBias")]
         self._sizes = np.array([q.is_size for q in quantities])
         self._left_out = np.array(
-            [_FRICTION_DEVIATIONS.get(q.name, _MODEL_DEVIATION) if q.is_size else 0.0 for q in quantities]
+            [
+                _LEFT_OUT.get(q.name, _MODEL_DEVIATION) * (1.0 if q.is_size else abs(q.known)) * q.is_parameter
+                for q in quantities
+            ]
         )
         self._steps = np.array([_TIME_STEP_S if q.unit == "s" else _STEP for q in quantities])
         self._shown = np.broadcast_to(windows.mask[..., None], windows.measured.shape).copy()

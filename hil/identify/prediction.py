@@ -78,8 +78,7 @@ class _Robot:
         self.mass, self.moment = mass + 2.0 * rolling, mass * height
         self.pitching = second + value("body_pitch_inertia")
         self.turning = yaw + 2.0 * p.wheel_diameter_inertia + 0.5 * rolling * track**2
-        # The roll inertia only shows in turns while leaning, and is taken to be in proportion to the yaw inertia.
-        self.excess = second + yaw * (p.body_roll_inertia / p.body_yaw_inertia - 1.0)
+        self.excess = second + value("body_roll_inertia") - yaw
         self.viscous, self.coulomb = value("viscous_friction"), value("coulomb_friction")
         at_wheel = value("motor_constant") * p.gear_ratio
         self.gain = at_wheel / value("motor_resistance") if voltage else np.ones((1, 1))

@@ -20,9 +20,12 @@ from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters, model_name
 
 _SIZE: Final = 0.3
-_WHEEL: Final = 0.15
+_WHEEL: Final = 0.2
 """What is weighed and measured of a wheel gives its inertia that well."""
 _FRICTION: Final = 1.0
+_VISCOUS: Final = 0.5
+"""Narrower: behind voltage drives more of it looks as a larger back-EMF, and a file that had it ten times too small
+would have the motor's constant drift with it."""
 _RESISTANCE: Final = 0.05
 _MEASURED: Final = 0.01
 _SMALLEST: Final = 1e-6
@@ -32,10 +35,11 @@ _SIZES: Final = {
     "body_height_of_centre": _SIZE,
     "body_pitch_inertia": _SIZE,
     "body_yaw_inertia": _SIZE,
+    "body_roll_inertia": _SIZE,
     "wheel_radius": _SIZE,
     "wheel_inertia": _WHEEL,
     "track": _SIZE,
-    "viscous_friction": _FRICTION,
+    "viscous_friction": _VISCOUS,
     "coulomb_friction": _FRICTION,
     "motor_constant": _SIZE,
     "motor_resistance": _RESISTANCE,

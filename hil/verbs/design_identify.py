@@ -130,12 +130,13 @@ def _grip(parts: Mapping[str, float], p: SegwayParameters) -> float:
 
 
 def _roll_inertia(p: SegwayParameters, parts: Mapping[str, float]) -> float:
-    """The body's about its length, which hardly shows: as large beside the yaw inertia as before, if a body can be so.
+    """The body's about its length, as found, if a body can be so.
 
     No moment of inertia of a body is larger than the sum of the two others.
     """
     pitch, yaw = parts.get("BodyPitchInertia", p.body_pitch_inertia), parts.get("BodyYawInertia", p.body_yaw_inertia)
-    return min(p.body_roll_inertia * yaw / p.body_yaw_inertia, _ROUNDED * (pitch + yaw))
+    roll = parts.get("BodyRollInertia", p.body_roll_inertia)
+    return max(min(roll, _ROUNDED * (pitch + yaw)), abs(pitch - yaw) / _ROUNDED)
 
 
 def as_text(found: Identified, advice: Sequence[Advice] = ()) -> list[str]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The fit alone, on windows that its own equations made: it finds what was put in, and its intervals hold."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,15 +14,17 @@ from segway_ecc.hil.identify.prediction import Predictor
 from segway_ecc.hil.identify.quantities import Quantity, prior, quantities
 from segway_ecc.hil.identify.windows import HISTORY, SAMPLES, Run, Windows, windows_of
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.models.segway_parameters import PUBLISHED
+from segway_ecc.node.models.segway_parameters import PUBLISHED, SegwayParameters
 
 PERIOD_S = 0.005
 NOISE = np.array([1e-4, 1e-4, 2e-3, 2e-3, 2e-3, 0.02, 0.02, 0.02])
 OFF = {"BodyMass": 1.2, "BodyPitchInertia": 0.8, "WheelRadius": 0.85, "Track": 1.15, "CoulombFriction": 1.3}
 
 
-def made(sought: tuple[Quantity, ...], *, seed: int, turning: bool = True) -> tuple[Windows, Matrix]:
-    """Windows of a torque-driven robot that is off by `OFF`, and its coordinates."""
+def made(
+    sought: tuple[Quantity, ...], *, seed: int, turning: bool = True, p: SegwayParameters = PUBLISHED
+) -> tuple[Windows, Matrix]:
+    """Windows of a torque-driven robot that is off by `OFF`, otherwise `p`, and its coordinates."""
     rng = np.random.default_rng(seed)
     true, _ = prior(sought)
     true = true + np.array([np.log(OFF.get(q.name, 1.0)) if q.is_size else 0.0 for q in sought])
@@ -30,7 +34,7 @@ def made(sought: tuple[Quantity, ...], *, seed: int, turning: bool = True) -> tu
     sent = np.concatenate([straight - turn, straight + turn, np.ones_like(turn)], axis=2)
     start = rng.normal(0.0, 1.0, (count, 6)) * [0.3, 0.3, 0.5 * turning, 0.05, 1.0, 1.0] + [0.6, 0, 0, 0, 0, 0]
     empty = Windows(PERIOD_S, sent, np.zeros((count, SAMPLES, 8)), np.ones((count, SAMPLES)), start, np.zeros((0, 3)))
-    shown = Predictor(PUBLISHED, sought, voltage=False).predict(true[None], empty, start[None])[0]
+    shown = Predictor(p, sought, voltage=False).predict(true[None], empty, start[None])[0]
     measured = shown + rng.normal(0.0, 1.0, shown.shape) * NOISE
     return empty._replace(measured=measured, start=start + rng.normal(0.0, 0.01, start.shape)), true
 
@@ -49,6 +53,17 @@ def test_what_was_put_in_is_found_within_three_deviations() -> None:
     for q, found, right in zip(fit.quantities, fit.coordinates, true, strict=True):
         if q.name in OFF:
             assert found == pytest.approx(right, abs=0.05), q.name
+
+
+def test_roll_inertia_that_is_off_does_not_pull_the_other_quantities_out_of_their_intervals() -> None:
+    sought = quantities(PUBLISHED, voltage=False)
+    off = dataclasses.replace(PUBLISHED, body_roll_inertia=0.7 * PUBLISHED.body_roll_inertia)
+    windows, true = made(quantities(off, voltage=False), seed=3, p=off)
+
+    fit = Fitter(Predictor(PUBLISHED, sought, voltage=False), sought, windows).fit()
+
+    beyond = np.abs((fit.coordinates - true) / np.sqrt(np.diag(fit.covariance)))
+    assert {q.name: z for q, z in zip(sought, beyond, strict=True) if q.is_parameter and z > 3.0} == {}
 
 
 def test_what_never_turned_leaves_the_track_and_the_yaw_inertia_as_they_were() -> None:
