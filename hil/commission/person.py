@@ -22,6 +22,10 @@ class Task(enum.StrEnum):
     BALANCE = "Set it on its wheels and hold it with two fingers where it tips neither forward nor back."
     PUSH = "On the floor, upright: push it straight ahead by exactly ONE METRE, wheels rolling. Hold it there."
     SPIN = "On the floor, upright: turn it on the spot ONE WHOLE TURN to the LEFT, wheels rolling. Hold it there."
+    LOOK_UP_LIMITS = (
+        "The lines above are not read back: look them up in the drives' vendor's tool. Confirm: each allows what is "
+        "named, and no more than the motors bear."
+    )
     PRESS_STOP = "Press the E-STOP while the wheels turn."
     SEE_WHEELS_STOP = "The drives fell silent. Confirm: the wheels came to rest by themselves, and turn freely by hand."
     RELEASE_STOP = "Release the e-stop again, and see that the drives are on."

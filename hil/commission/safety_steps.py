@@ -7,10 +7,12 @@ from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE
 from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.hil.commission.drive_limits import drive_limits
 from segway_ecc.hil.commission.expected import Expected
 from segway_ecc.hil.commission.person import Answer, Task
 from segway_ecc.hil.commission.session import SIDES, Session, StepRefusedError
 from segway_ecc.hil.commission.wheel_steps import Found
+from segway_ecc.hil.rig.simulation import hardware_of
 from segway_ecc.node.commissioning import Verdict
 from segway_ecc.node.config import NoHardwareSection
 
@@ -50,7 +52,7 @@ def signals(session: Session, _expected: Expected) -> Found:
 
 
 def limits(session: Session, _expected: Expected) -> Found:
-    """The limits that the robot file states, and the supply within them; those inside the drives are not read."""
+    """The limits that the robot file states, the supply within them, and the drives' own: read back, or looked up."""
     safety = session.file.safety
     missing = [name for name in _NEEDED if safety is None or getattr(safety, name) is None]
     if safety is None or missing:
@@ -62,9 +64,16 @@ def limits(session: Session, _expected: Expected) -> Found:
             f"the supply is {volts:.1f} V, allowed is {safety.supply.min_v:g} to {safety.supply.max_v:g} V: charge it, "
             "or correct safety.supply"
         )
-    return Found(
-        f"supply {volts:.1f} V, safety limits stated; the drives' own current limits are not read back", measured
-    )
+    own = drive_limits(hardware_of(session.file), session.hardware.health, safety.wheel_velocity_limit or math.nan)
+    measured |= own.measured
+    read_back = ", ".join(f"{name} {value:g}" for name, value in own.measured.items()) or "nothing"
+    text = f"supply {volts:.1f} V, safety limits stated; read back from the drives: {read_back}"
+    if not own.lookups:
+        return Found(text, measured)
+    for line in own.lookups:
+        session.person.read(f"look up {line}")
+    session.ask(Task.LOOK_UP_LIMITS)
+    return Found(f"{text}; the person confirmed {'; '.join(own.lookups)}", measured, "confirmed")
 
 
 def watchdog(session: Session, _expected: Expected) -> Found:
