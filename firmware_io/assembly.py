@@ -192,6 +192,7 @@ class Assembly:
             values += readings.values
             ages += readings.ages
             unseen += readings.unseen
+            self._events.extend(readings.events)
             # The robot must not fall for a change of lines: while they change, slightly old values are still valid. A
             # drive that has fallen silent on one line, while the other is good, is about to answer there.
             if switching is not None and (

@@ -42,17 +42,25 @@ class Readings(Value, frozen=True):
 
     Attributes:
         unseen: Those of its signals that it measures only once its motors are on; they are not valid before.
+        events: What it reported since it was last read, for people.
     """
 
     values: tuple[float, ...]
     ages: tuple[float, ...]
     valid: tuple[bool, ...]
     unseen: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
 
 
 def with_one_more(readings: Readings, value: float, age: tuple[float, bool]) -> Readings:
     """Readings and one value more: in SI, with its age, s, and whether it is fresh enough."""
-    return Readings((*readings.values, value), (*readings.ages, age[0]), (*readings.valid, age[1]), readings.unseen)
+    return Readings(
+        (*readings.values, value),
+        (*readings.ages, age[0]),
+        (*readings.valid, age[1]),
+        readings.unseen,
+        readings.events,
+    )
 
 
 class Sensor(Diagnosed, Protocol):

@@ -18,7 +18,7 @@ class Sensors(Value, frozen=True):
         valid: Whether each value is fresh enough to be used.
         faults: What the drives report against themselves; empty while all is well.
         ready: Whether every motor follows commands; False while the drives are off or pass through their states.
-        events: What happened to the links since the last snapshot, for people.
+        events: What happened to the links, or devices reported of themselves, since the last snapshot, for people.
         off: Whether every drive reports that its motors are off; False where one reports otherwise or nothing, and
             while they are asked to be on.
         unseen: The signals that a drive measures only once its motors are on: not valid before, of infinite age.

@@ -145,6 +145,23 @@ def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
         "a longer hardware.watchdog_s in the robot file (VESC: timeout_set_s, and VESC Tool), or a faster model",
         fits=fits,
     )
+    if isinstance(workload.hardware, OdriveSettings):
+        yield from _odrive_settings(workload.hardware)
+
+
+def _odrive_settings(settings: OdriveSettings) -> Iterator[Finding]:
+    """What disarms an ODrive as delivered at its first drive; CAN does not read it back, so the person has to ask."""
+    axes = ("axis0", "axis1") if settings.firmware == "0.5" else ("axis0",)
+    controllers = [f"odrv0.{axis}.controller.config" for axis in axes]
+    asked = [f"{each}.{name}" for each in controllers for name in ("vel_limit", "enable_overspeed_error")]
+    yield warning(
+        "ODrive settings",
+        "vel_limit, enable_overspeed_error and dc_max_negative_current are not read back over CAN",
+        "as delivered, an axis disarms above 2.4 turn/s of the motor, and at the first braking with no brake resistor",
+        f"type in odrivetool: {', '.join(asked)}, odrv0.config.dc_max_negative_current; set vel_limit above the "
+        "fastest that the motor turns and dc_max_negative_current to what the battery takes (such as -10), then "
+        "odrv0.save_configuration()",
+    )
 
 
 def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:

@@ -41,6 +41,7 @@ _VARIABLES: Final = {
     0x6076: ("motor rated torque", UNSIGNED32),
     0x6077: ("torque actual value", INTEGER16),
     0x6079: ("DC link circuit voltage", UNSIGNED32),
+    0x6502: ("supported drive modes", UNSIGNED32),
 }
 _PDO_COMMUNICATION: Final = {
     0x1400: "RPDO1",
@@ -51,6 +52,8 @@ _PDO_COMMUNICATION: Final = {
 }
 _MAPPING_OFFSET: Final = 0x200
 _MAX_MAPPED: Final = 8
+_IDENTITY_PARTS: Final = 4
+"""Vendor, product, revision, serial number."""
 
 # The library logs every step of a set-up; failures reach us as exceptions, and are logged once.
 logging.getLogger("canopen").setLevel(logging.CRITICAL)
@@ -147,6 +150,8 @@ def object_dictionary() -> ObjectDictionary:
     for index, (name, data_type) in _VARIABLES.items():
         dictionary.add_object(_variable(name, index, 0, data_type))
     dictionary.add_object(_filled(ODArray("consumer heartbeat time", 0x1016), UNSIGNED8, UNSIGNED32))
+    dictionary.add_object(_filled(ODRecord("identity", 0x1018), UNSIGNED8, *(UNSIGNED32,) * _IDENTITY_PARTS))
+    dictionary.add_object(_filled(ODRecord("interpolation time period", 0x60C2), UNSIGNED8, UNSIGNED8, INTEGER8))
     for index, name in _PDO_COMMUNICATION.items():
         dictionary.add_object(_filled(ODRecord(f"{name} communication", index), UNSIGNED8, UNSIGNED32, UNSIGNED8))
         mapping = ODRecord(f"{name} mapping", index + _MAPPING_OFFSET)

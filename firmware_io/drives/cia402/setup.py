@@ -2,7 +2,7 @@
 """Getting the drives ready before the loop starts: reset, set up with every value read back, communication started."""
 
 from collections.abc import Sequence
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import canopen
 from canopen.objectdictionary import ODVariable
@@ -17,6 +17,12 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     nmt_frame,
     rated_torque,
 )
+from segway_ecc.firmware_io.drives.cia402.limits import (
+    CYCLIC_SYNCHRONOUS_TORQUE,
+    Identity,
+    interpolation_period,
+    mode_refusal,
+)
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode, object_dictionary
 from segway_ecc.firmware_io.drives.cia402.settings import (
     ANSWER_WITHIN_NS,
@@ -27,7 +33,6 @@ from segway_ecc.firmware_io.drives.cia402.settings import (
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel, Restoring
 from segway_ecc.firmware_io.errors import HardwareError, LinkLostError
 
-CYCLIC_SYNCHRONOUS_TORQUE: Final = 10
 PROFILE: Final = 402
 EVERY_SYNC: Final = 1
 AT_ONCE: Final = 255
@@ -55,10 +60,15 @@ class SetUpError(HardwareError):
     """A drive could not be set up; the text states at which object."""
 
 
-def set_up(network: LinkNetwork, settings: Cia402Settings, wheel: Cia402WheelSettings, cycle_us: int) -> float:
-    """Set up a drive that has just been reset, for SYNC each `cycle_us`, and leave it pre-operational; blocks.
+class DriveData(NamedTuple):
+    """What a drive reported while it was set up: the rated torque of its motor, N m, and what it is."""
 
-    It returns the rated torque of its motor, N m.
+    rated_torque: float
+    identity: Identity
+
+
+def set_up(network: LinkNetwork, settings: Cia402Settings, wheel: Cia402WheelSettings, cycle_us: int) -> DriveData:
+    """Set up a drive that has just been reset, for SYNC each `cycle_us`, and leave it pre-operational; blocks.
 
     Raises:
         SetUpError: It does not answer, or is not or does not become what it must be.
@@ -83,21 +93,20 @@ class _SetUp:
         self._node = PumpedNode(wheel.node_id, object_dictionary())
         network.add_node(self._node)
 
-    def run(self) -> float:
+    def run(self) -> DriveData:
         """Go through all of it, in the order that the profile wants; see `set_up`."""
         profile = self._read(0x1000) & 0xFFFF
         if profile != PROFILE:
             raise SetUpError(
                 f"its device type 0x1000 names profile {profile}, not 402; is the node id that of a drive?"
             )
+        identity = Identity._make(self._read_if_there(0x1018, part) for part in range(1, len(Identity._fields) + 1))
         self._write(0x6040, 0, 0)
         self._write_checked(0x1017, 0, HEARTBEAT_PERIOD_MS)
         self._watchdog()
         self._write_if_there(0x605A, _DISABLE_DRIVE)
         rated = self._rated_torque()
-        self._write(0x6060, 0, CYCLIC_SYNCHRONOUS_TORQUE)
-        if not self._network.wait_until(lambda: self._read(0x6061) == CYCLIC_SYNCHRONOUS_TORQUE, ANSWER_WITHIN_NS):
-            raise SetUpError("it does not take mode 10 (0x6061 reads another): it lacks cyclic synchronous torque")
+        self._set_mode()
         self._write_checked(0x1005, 0, Service.SYNC)
         self._write_if_there(0x1006, self._cycle_us)
         self._map(self._node.rpdo[1], Service.RPDO1, AT_ONCE)
@@ -105,7 +114,25 @@ class _SetUp:
         self._map(self._node.tpdo[2], Service.TPDO2, EVERY_SYNC)
         self._map_supply()
         self._switch_off(4, Service.TPDO4)
-        return rated
+        return DriveData(rated, identity)
+
+    def _set_mode(self) -> None:
+        """Have it take torques in each cycle, of the period of SYNC."""
+        supported = self._read_if_there(0x6502)
+        refusal = mode_refusal(supported)
+        if refusal is not None:
+            raise SetUpError(refusal)
+        try:
+            self._write(0x6060, 0, CYCLIC_SYNCHRONOUS_TORQUE)
+        except SetUpError as error:
+            if not isinstance(error.__cause__, canopen.SdoAbortedError):
+                raise
+            raise SetUpError(mode_refusal(supported, f"refuses it: {error.__cause__}")) from error.__cause__
+        if not self._network.wait_until(lambda: self._read(0x6061) == CYCLIC_SYNCHRONOUS_TORQUE, ANSWER_WITHIN_NS):
+            raise SetUpError(mode_refusal(supported, f"stays in mode {self._read(0x6061)}, as 0x6061 reads"))
+        value, exponent = interpolation_period(self._cycle_us)
+        self._write_if_there(0x60C2, value, 1)
+        self._write_if_there(0x60C2, exponent, 2)
 
     def _watchdog(self) -> None:
         asked_host, asked_ms = self._settings.host_node_id, round(self._settings.watchdog_s * 1e3)
@@ -177,6 +204,15 @@ class _SetUp:
             if not (isinstance(cause, canopen.SdoAbortedError) and cause.code in _ABORT_NO_OBJECT):
                 raise
 
+    def _read_if_there(self, index: int, subindex: int = 0) -> int | None:
+        """What an object holds that a drive need not have."""
+        try:
+            return self._read(index, subindex)
+        except SetUpError as error:
+            if isinstance(error.__cause__, canopen.SdoAbortedError):
+                return None
+            raise
+
     def _write(self, index: int, subindex: int, value: int) -> None:
         try:
             self._node.sdo.download(index, subindex, self._variable(index, subindex).encode_raw(value))
@@ -227,7 +263,7 @@ def _set_up_wheel(network: LinkNetwork, wheel: Cia402Wheel, settings: Cia402Sett
         booted = network.boots[wheel.node_id]
         network.exchanges[wheel.node_id] = []
         try:
-            wheel.rated_torque = set_up(network, settings, wheel.settings, cycle_us)
+            wheel.rated_torque, wheel.identity = set_up(network, settings, wheel.settings, cycle_us)
         except (SetUpError, LinkLostError) as error:
             wheel.trouble = str(error)
         else:

@@ -24,6 +24,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     unpack_heartbeat,
     unpack_supply,
 )
+from segway_ecc.firmware_io.drives.cia402.limits import Identity
 from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.enabling import Enabling
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
@@ -110,6 +111,7 @@ class Cia402Wheel:
 
     Attributes:
         rated_torque: The rated torque of its motor, N m; None until it is set up.
+        identity: What it is; None until it is set up.
         trouble: Why it is not set up; None where it is.
         state: The state in its statusword; None before the first, or for one the profile does not know.
         supply_voltage: What it measured of its supply, V.
@@ -123,6 +125,7 @@ class Cia402Wheel:
         self.side = side
         self.node_id = settings.node_id
         self.rated_torque: float | None = None
+        self.identity: Identity | None = None
         self.trouble: str | None = "it has not been set up"
         self.restoring = Restoring((), now_ns)
         self.state: DriveState | None = None
@@ -259,6 +262,7 @@ class Cia402Wheel:
             "emergency": "none" if self.emergency is None else self.emergency.description,
             "bus_voltage_v": f"{self.supply_voltage:.3f}" if self.supply_age[1] else "not reported",
             "rated_torque_nm": "unknown" if self.rated_torque is None else f"{self.rated_torque:g}",
+            "identity": "unknown" if self.identity is None else str(self.identity),
             "set_up": self.trouble or self.restoring.failure or ("under way" if self.has_restarted else "yes"),
         }
 

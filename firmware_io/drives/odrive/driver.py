@@ -6,6 +6,8 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from segway_ecc.firmware_io.devices import FrameKey, Readings
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.odrive import messages as m
@@ -103,7 +105,11 @@ class Odrive(PhasedDrive):
 
         The torque and the voltage are valid only where the drive sends them.
         """
-        return self._axis.read()
+        readings, causes = self._axis.read(), self._axis.causes
+        if causes.event is None:
+            return readings
+        event, causes.event = f"the {self.name} ODrive axis reports {causes.event}", None
+        return replace(readings, events=(event,))
 
     def arming_failures(self) -> list[str]:
         """Silence, an unknown firmware, no calibration, motion, or a watchdog that has not proved itself.
@@ -162,6 +168,8 @@ class Odrive(PhasedDrive):
                 self._step()
             case Phase.OFF:
                 self._rest()
+                return
+        self._ask_causes()
 
     def disable(self) -> None:
         """Send zero and idle."""
@@ -190,7 +198,15 @@ class Odrive(PhasedDrive):
 
     def _why_off(self) -> str:
         """What the axis reports where its motor is off."""
-        return f"{self._axis.state_name}, errors: {', '.join(self._axis.errors) or 'none'}"
+        causes = self._axis.causes.found if self._axis.error else ()
+        because = f"; causes: {'; '.join(causes)}" if causes else ""
+        return f"{self._axis.state_name}, errors: {', '.join(self._axis.errors) or 'none'}{because}"
+
+    def _ask_causes(self) -> None:
+        """Ask what is behind an error that stands; that feeds the watchdog of 0.5, as the commands beside it do."""
+        command = self._axis.causes.next_request(self._now_ns())
+        if command is not None:
+            self._put(request(self._wheel.node_id, command))
 
     def _watchdog_failures(self, who: str) -> list[str]:
         """What the proof of the watchdog lacks."""
@@ -230,6 +246,8 @@ class Odrive(PhasedDrive):
     def _rest(self) -> None:
         """Keep the axis idle, find out what it is, and let its watchdog prove itself."""
         axis, now_ns = self._axis, self._now_ns()
+        if self._silent_since_ns is None:  # before an error is cleared, and never into a silence
+            self._ask_causes()
         if not axis.fresh.age("heartbeat")[1] or axis.state != AxisState.IDLE:
             self._send(_ZERO)
             if now_ns - self._stepped_ns >= self._resend_ns:

@@ -236,6 +236,10 @@ def _is_finite(message: tuple[object, ...]) -> bool:
 
 def error_names(firmware: Firmware, errors: int) -> tuple[str, ...]:
     """The names of the bits that are set, lowest first; a bit without a name is given as a number."""
-    names = AXIS_ERRORS[firmware]
+    return named_bits(AXIS_ERRORS[firmware], errors)
+
+
+def named_bits(names: Mapping[int, str], errors: int) -> tuple[str, ...]:
+    """The names of the bits that are set, by a table of them; see `error_names`."""
     bits = (1 << index for index in range(errors.bit_length()) if errors >> index & 1)
     return tuple(names.get(bit, f"0x{bit:X}") for bit in bits)

@@ -17,6 +17,7 @@ from segway_ecc.firmware_io.devices import (
 )
 from segway_ecc.firmware_io.drives.enabling import wheel_signals
 from segway_ecc.firmware_io.drives.odrive import messages as m
+from segway_ecc.firmware_io.drives.odrive.causes import ErrorCauses
 from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDS,
     ESTIMATES,
@@ -224,6 +225,7 @@ class AxisListener:
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
         origin: What the estimates show of the motor.
+        causes: What is behind its errors.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
@@ -254,6 +256,7 @@ class AxisListener:
         self._now_ns = now_ns
         self._beat_ns: int | None = None
         self.origin = WheelOrigin()
+        self.causes = ErrorCauses()
         self._torque = 0.0
         self._supply = 0.0
         self._newest: dict[type[Any], Any] = {}
@@ -320,6 +323,7 @@ class AxisListener:
             **{f"refused.{cause}": str(count) for cause, count in self.refused.items()},
             "state": self.state_name,
             "error": ", ".join(self.errors) or "none",
+            "causes": "; ".join(self.causes.found) or "none",
             "firmware": str(self.search),
             **self.fresh.health,
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
@@ -349,6 +353,8 @@ class AxisListener:
                 self.search.answer(message)
                 if self.search.found is not before:
                     self.proof.reset()
+            case m.MotorError() | m.EncoderError() | m.ControllerError() | m.Errors():
+                self.causes.take(message)
             case m.Torques():
                 self._measure(message.estimate_nm, received_ns)
             case m.BusVoltageCurrent(voltage):
@@ -370,6 +376,7 @@ class AxisListener:
         self.fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)
         if self.search.found is not None:
+            self.causes.note_errors(self.search.found, error)
             self.proof.note_heartbeat(received_ns, expired=bool(error & WATCHDOG[self.search.found]))
 
     def _measure(self, motor_torque: float, received_ns: int) -> None:

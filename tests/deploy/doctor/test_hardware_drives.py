@@ -18,7 +18,7 @@ from tests.deploy.doctor.fake_machine import FakeMachine, workload
     ],
 )
 def test_how_the_watchdog_is_known(fake: FakeMachine, robot: str | None, text: str) -> None:
-    (found,) = check_drives(fake.machine, workload(fake.root, robot))
+    found, *_ = check_drives(fake.machine, workload(fake.root, robot))
     assert (found.verdict, found.found) == (Verdict.GOOD, text)
 
 
@@ -26,3 +26,13 @@ def test_how_the_watchdog_is_known(fake: FakeMachine, robot: str | None, text: s
 def test_watchdog_must_outlast_three_cycles(fake: FakeMachine, period_ns: int, verdict: Verdict) -> None:
     (found,) = check_drives(fake.machine, workload(fake.root, "cart-can", period_ns))
     assert found.verdict is verdict
+
+
+def test_settings_that_can_does_not_read_back_are_asked_of_the_person(fake: FakeMachine) -> None:
+    _, found = check_drives(fake.machine, workload(fake.root, "cart-odrive"))
+    assert found.verdict is Verdict.WARNING
+    assert found.found == "vel_limit, enable_overspeed_error and dc_max_negative_current are not read back over CAN"
+    assert found.remedy is not None
+    for command in ("axis0.controller.config.vel_limit", "axis1.controller.config.enable_overspeed_error"):
+        assert f"odrv0.{command}" in found.remedy
+    assert "odrv0.config.dc_max_negative_current" in found.remedy

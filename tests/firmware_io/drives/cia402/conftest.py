@@ -33,6 +33,7 @@ OBJECTS: Final[Mapping[int, tuple[int, str, int]]] = {
     0x6076: (U32, "rw", 1_250),
     0x6077: (I16, "ro", 0),
     0x6079: (U32, "ro", 24_000),
+    0x6502: (U32, "ro", 0x208),
 }
 """Type, access and default, as a manufacturer's EDS gives them."""
 
@@ -43,6 +44,8 @@ def eds(node_id: int, without: frozenset[int] = frozenset()) -> io.StringIO:
         (index, None): entry for index, entry in OBJECTS.items()
     }
     variables |= {(0x1016, 0): (U8, "ro", 1), (0x1016, 1): (U32, "rw", 0)}
+    variables |= {(0x1018, 0): (U8, "ro", 2), (0x1018, 1): (U32, "ro", 0x2E8), (0x1018, 2): (U32, "ro", 0x10)}
+    variables |= {(0x60C2, 0): (U8, "ro", 2), (0x60C2, 1): (U8, "rw", 1), (0x60C2, 2): (I8, "rw", -3)}
     for base, first in ((0x1400, 0x200), (0x1800, 0x180)):
         for number in range(4):
             index = base + number

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from canopen import SdoAbortedError
 
+from segway_ecc.firmware_io.drives.cia402.limits import Identity
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
@@ -28,7 +29,7 @@ def network(memory: Any) -> LinkNetwork:
 
 def test_every_object_is_what_it_was_asked_to_be(memory: Any, network: LinkNetwork) -> None:
     node = memory.add(5)
-    assert set_up(network, *PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
 
     read = node.sdo
     assert read[0x1016][1].raw == 0x007F0032
@@ -38,7 +39,57 @@ def test_every_object_is_what_it_was_asked_to_be(memory: Any, network: LinkNetwo
     assert read[0x6007].raw == 2
     assert read[0x605A].raw == 0
     assert read[0x6060].raw == 10
+    assert (read[0x60C2][1].raw, read[0x60C2][2].raw) == (2, -3)
     assert read[0x6040].raw == 0
+
+
+def test_identity_is_read_as_far_as_there_is_one(memory: Any, network: LinkNetwork) -> None:
+    memory.add(5)
+    assert set_up(network, *PLAN).identity == Identity(0x2E8, 0x10, None, None)
+    memory.add(6, without=frozenset({0x1018}))
+    assert set_up(network, SETTINGS, SETTINGS.right, 2_000).identity == Identity(None, None, None, None)
+
+
+def test_drive_with_profile_torque_only_is_refused_by_name_before_its_mode_is_touched(
+    memory: Any, network: LinkNetwork
+) -> None:
+    node = memory.add(5)
+    node.add_read_callback(lambda index, **_: 0x0C if index == 0x6502 else None)
+    with pytest.raises(SetUpError, match=r"offers profile velocity \(3\), profile torque \(4\); profile torque alone"):
+        set_up(network, *PLAN)
+    assert node.sdo[0x6060].raw == 0
+
+
+def test_refused_mode_is_named_with_those_that_the_drive_offers(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+
+    def refuse(index: int, **_: Any) -> None:
+        if index == 0x6060:
+            raise SdoAbortedError(0x06090030)
+
+    node.add_write_callback(refuse)
+    with pytest.raises(SetUpError) as raised:
+        set_up(network, *PLAN)
+    text = str(raised.value)
+    assert text.startswith("it does not take mode 10, cyclic synchronous torque: it refuses it: Code 0x06090030")
+    assert text.endswith("0x6502 offers profile torque (4), cyclic synchronous torque (10)")
+
+
+@pytest.mark.parametrize(
+    ("last_answered", "message"), [(0x6076, "6502:00 cannot be read"), (0x6502, "6060:00 cannot be written")]
+)
+def test_drive_that_falls_silent_at_its_mode_is_reported_as_silent(
+    memory: Any, network: LinkNetwork, last_answered: int, message: str
+) -> None:
+    node = memory.add(5)
+
+    def fall_silent(index: int, **_: Any) -> None:
+        if index == last_answered:
+            memory.peer.unsubscribe(0x605)
+
+    node.add_read_callback(fall_silent)
+    with pytest.raises(SetUpError, match=message):
+        set_up(network, *PLAN)
 
 
 def test_pdos_are_mapped_as_the_library_reads_them(memory: Any, network: LinkNetwork) -> None:
@@ -70,7 +121,7 @@ def test_a_drive_without_a_voltage_of_the_supply_has_its_pdo_switched_off(memory
     node = memory.add(5, without=frozenset({0x6079}))
     node.add_write_callback(refuse_mapping_of(0x1A02, 0x6079))
     node.sdo[0x1802][1].raw = 0x385
-    assert set_up(network, *PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
     assert node.sdo[0x1802][1].raw == 0x80000385
     assert node.sdo[0x1801][1].raw == 0x40000285
 
@@ -80,7 +131,7 @@ def test_a_drive_that_does_not_count_syncs_has_the_pdo_of_the_supply_switched_of
 ) -> None:
     node = memory.add(5)
     node.add_read_callback(lambda index, subindex, **_: 1 if (index, subindex) == (0x1802, 2) else None)
-    assert set_up(network, *PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
     assert node.sdo[0x1802][1].raw == 0x80000385
 
 
@@ -106,13 +157,15 @@ def test_a_drive_that_refuses_remote_requests_keeps_doing_so(memory: Any, networ
 def test_it_begins_with_the_node_pre_operational_and_its_voltage_off(memory: Any, network: LinkNetwork) -> None:
     memory.add(5)
     set_up(network, *PLAN)
-    assert memory.heard()[:3] == [(0, "8005"), (0x605, "4000100000000000"), (0x605, "2b40600000000000")]
+    identity = [(0x605, f"401810{part:02x}00000000") for part in range(1, 5)]
+    asked = [(0, "8005"), (0x605, "4000100000000000"), *identity, (0x605, "2b40600000000000")]
+    assert memory.heard()[: len(asked)] == asked
 
 
 @pytest.mark.parametrize("missing", [0x605A, 0x1006, 0x1802, 0x1803])
 def test_a_drive_need_not_have_everything(memory: Any, network: LinkNetwork, missing: int) -> None:
     memory.add(5, without=frozenset({missing, missing + 0x200}))
-    assert set_up(network, *PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +175,7 @@ def test_a_drive_need_not_have_everything(memory: Any, network: LinkNetwork, mis
         (0x1016, "0x1016:01 cannot be written: Code 0x06020000"),
         (0x1017, "0x1017:00 cannot be written"),
         (0x6007, "0x6007:00 cannot be written"),
-        (0x6060, "0x6060:00 cannot be written"),
+        (0x6060, "does not take mode 10, .* it refuses it: Code 0x06020000"),
         (0x6071, "RPDO1 is not mapped as asked|RPDO1 cannot be mapped"),
         (0x6076, "0x6076:00 cannot be read"),
         (0x1801, "TPDO2 cannot be mapped: Code 0x06020000"),
@@ -222,7 +275,7 @@ def test_foreign_and_damaged_frames_meanwhile_change_nothing(memory: Any, networ
         Frame(0x7E5, bytes(8)),
     ):
         memory.arrived.append(frame)
-    assert set_up(network, *PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
     assert network.boots[5] == 0
 
 
