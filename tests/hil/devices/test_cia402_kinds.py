@@ -4,7 +4,12 @@
 import pytest
 
 from segway_ecc.firmware_io.drives.cia402.frames import DriveState
-from segway_ecc.hil.devices.cia402 import DriveKind
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.hil.devices.cia402 import TICK_NS, DriveKind, SimulatedCia402
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import LockstepRig, simulated_plant
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.robot import build_robot
 from tests.hil.devices.cia402_faults import latch_fault
 from tests.hil.devices.test_cia402 import LEFT, RIGHT, Bench
 
@@ -128,3 +133,39 @@ def test_the_error_register_shows_what_the_emergency_said_until_the_fault_is_res
 
 def test_an_object_that_is_lacking_is_not_there() -> None:
     assert booted(DriveKind(lacks=(0x1018,))).ask("4018100100000000") == ["8018100100000206"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "refusal"),
+    [
+        (DriveKind(), ""),
+        (DriveKind(needs_sync_period=True), ""),
+        (DriveKind(modes=(4, 10)), ""),
+        (PROFILE_ONLY, "profile torque alone is not enough"),
+        (DriveKind(modes=(4,), lacks=(0x6502,)), "it refuses it: "),
+        (DriveKind(modes=(4,), lacks=(0x6502,), keeps_mode_silently=True), "it stays in mode 0"),
+    ],
+)
+def test_the_cart_arms_on_drives_that_have_cyclic_torque_and_names_those_that_do_not(
+    kind: DriveKind, refusal: str
+) -> None:
+    file = load_robot("cart-cia402")
+    assert isinstance(file.hardware, Cia402Settings)
+    rig = LockstepRig(file.hardware.can.bitrate)
+    end = rig.bus.attach("drives")
+    device = SimulatedCia402(end, file.hardware, kind=kind)
+    rig.attach(SimulatedRobot(end, [device], simulated_plant(file), TICK_NS))
+    hardware = build_robot(file, rig, rig.bus.attach("node")).hardware
+    hardware.open()
+    for _ in range(30):
+        rig.sleep_until_ns(rig.now_ns() + 10_000_000)
+        hardware.exchange((0.0, 0.0))
+    failures = hardware.arming_failures()
+    assert [refusal in failure for failure in failures] == ([True, True] if refusal else [])
+    if refusal:
+        return
+    hardware.arm()
+    for _ in range(20):
+        rig.sleep_until_ns(rig.now_ns() + 10_000_000)
+        sensors = hardware.exchange((0.0, 0.0))
+    assert (sensors.ready, sensors.faults) == (True, ())
