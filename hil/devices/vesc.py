@@ -239,10 +239,7 @@ class SimulatedVesc:
     ) -> None:
         """Switch two controllers on, set up by `settings` where no `firmware` is given."""
         rate_hz = settings.status_rate_hz
-        # The 74 frames of two answers to GET_MCCONF delay STATUS by more than the driver allows.
-        used = firmware or Firmware(
-            timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz}, answers_configuration=False
-        )
+        used = firmware or Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
         self.left, self.right = Controller(settings.left, used), Controller(settings.right, used)
         self.bus_is_whole = True
         self.refused_frames = 0

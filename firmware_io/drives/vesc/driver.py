@@ -50,6 +50,9 @@ from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _ASK_EVERY_NS: Final = 100_000_000
 """A fault lasts half a second, so none is missed."""
+_LEFT_WAITS_NS: Final = 100_000_000
+"""Before the left controller is asked for its limits. An answer of 74 frames takes 20 ms at 500 kbit/s and comes before
+STATUS; where both answer at once, STATUS is held up for so long that it counts as silent."""
 _CURRENT_STEP: Final = 0.1
 """The resolution of the motor current in STATUS, A."""
 _OFF_CURRENT: Final = 0.5
@@ -115,7 +118,7 @@ class Vesc(PhasedDrive):
         self._asked_ns: int | None = None
         self._probe = TimeoutProbe(settings.timeout_set_s)
         self._assembler = PacketAssembler()
-        self._limits = LimitsReading(self._title, wheel.max_current)
+        self._limits = LimitsReading(self._title, wheel.max_current, _LEFT_WAITS_NS if name == "left" else 0)
         self._zero_ns: int | None = None
         """When the first zero since `enable` was sent."""
         self._confirmed: set[PacketId] = set()

@@ -82,12 +82,16 @@ class LimitsReading:
         limits: Its limits; None where they are not known.
     """
 
-    __slots__ = ("_asked_ns", "_is_refused", "_needed", "_title", "_tries", "limits", "version")
+    __slots__ = ("_asked_ns", "_is_refused", "_needed", "_title", "_tries", "_wait_ns", "limits", "version")
 
-    def __init__(self, title: str, needed_a: float) -> None:
-        """Read them of the controller called `title`, whose wheel's largest torque takes this motor current, A."""
+    def __init__(self, title: str, needed_a: float, wait_ns: int = 0) -> None:
+        """Read them of the controller called `title`, whose wheel's largest torque takes this motor current, A.
+
+        The first question is sent so long after it could be, so that two controllers do not answer at once.
+        """
         self._title = title
         self._needed = needed_a
+        self._wait_ns = wait_ns
         self.reset()
 
     def reset(self) -> None:
@@ -110,6 +114,8 @@ class LimitsReading:
 
     def next_question(self, now_ns: int) -> bytes | None:
         """The packet to send now; None where there is none, or an answer is waited for."""
+        if self._asked_ns is None and self.version is None and self._wait_ns:
+            self._asked_ns = now_ns + self._wait_ns - _ASK_EVERY_NS
         if self.is_over or (self._asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS):
             return None
         self._asked_ns = now_ns

@@ -125,19 +125,7 @@ def test_a_controller_that_is_set_to_does_not_answer_get_mcconf() -> None:
     assert bench.port.from_device == b""
 
 
-@pytest.mark.parametrize(
-    "answers",
-    [
-        False,
-        pytest.param(
-            True,
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="the driver asks both controllers at once: their answers hold STATUS up, and it begins anew",
-            ),
-        ),
-    ],
-)
+@pytest.mark.parametrize("answers", [False, True])
 def test_a_robot_can_be_armed_within_two_seconds(*, answers: bool) -> None:
     file = load_robot("cart-vesc")
     assert isinstance(file.hardware, VescSettings)
