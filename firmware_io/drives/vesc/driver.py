@@ -118,7 +118,9 @@ class Vesc(PhasedDrive):
         self._asked_ns: int | None = None
         self._probe = TimeoutProbe(settings.timeout_set_s)
         self._assembler = PacketAssembler()
-        self._limits = LimitsReading(self._title, wheel.max_current, _LEFT_WAITS_NS if name == "left" else 0)
+        wait_ns = _LEFT_WAITS_NS if name == "left" else 0
+        has_fallback = settings.serial is not None
+        self._limits = LimitsReading(self._title, wheel.max_current, wait_ns, has_fallback=has_fallback)
         self._zero_ns: int | None = None
         """When the first zero since `enable` was sent."""
         self._confirmed: set[PacketId] = set()

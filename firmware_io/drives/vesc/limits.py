@@ -82,13 +82,26 @@ class LimitsReading:
         limits: Its limits; None where they are not known.
     """
 
-    __slots__ = ("_asked_ns", "_is_refused", "_needed", "_title", "_tries", "_wait_ns", "limits", "version")
+    __slots__ = (
+        "_asked_ns",
+        "_has_fallback",
+        "_is_refused",
+        "_needed",
+        "_title",
+        "_tries",
+        "_wait_ns",
+        "limits",
+        "version",
+    )
 
-    def __init__(self, title: str, needed_a: float, wait_ns: int = 0) -> None:
+    def __init__(self, title: str, needed_a: float, wait_ns: int = 0, *, has_fallback: bool = False) -> None:
         """Read them of the controller called `title`, whose wheel's largest torque takes this motor current, A.
 
-        The first question is sent so long after it could be, so that two controllers do not answer at once.
+        The first question is sent so long after it could be, so that two controllers do not answer at once. Where the
+        robot `has_fallback`, another line, limits are not asked for: the answer's 74 frames hold STATUS up for longer
+        than a line may be silent, so that the robot would change to the other one.
         """
+        self._has_fallback = has_fallback
         self._title = title
         self._needed = needed_a
         self._wait_ns = wait_ns
@@ -105,7 +118,8 @@ class LimitsReading:
     @property
     def is_over(self) -> bool:
         """Whether nothing more is to be asked."""
-        return self.limits is not None or self._is_refused or not self._is_known or self._tries > _TRIES
+        is_known = self._is_known and not (self._has_fallback and self.version is not None)
+        return self.limits is not None or self._is_refused or not is_known or self._tries > _TRIES
 
     @property
     def _is_known(self) -> bool:
@@ -162,6 +176,8 @@ class LimitsReading:
         if not self._is_known:
             known = ", ".join(str(FirmwareVersion(*version)) for version in _LAYOUTS)
             return f"{self.version}; its limits are not read, their place is known for {known}: see VESC Tool"
+        if self._has_fallback:
+            return f"{self.version}; its limits are not read where there is a serial line: see VESC Tool"
         if self.limits is None:
             return f"{self.version}; its limits are not reported" if self.is_over else f"{self.version}, being asked"
         return (

@@ -109,6 +109,23 @@ def test_a_question_is_repeated_twice_and_then_given_up() -> None:
     assert reading.description == "did not answer FW_VERSION"
 
 
+def test_the_first_question_waits_for_the_other_controller() -> None:
+    reading = LimitsReading("the left VESC", 30.0, 100 * MS)
+    asked = [moment for moment in range(400) if reading.next_question((moment + 7) * MS) is not None]
+    assert asked == [100, 150, 200]
+
+
+def test_limits_are_not_asked_for_where_their_long_answer_would_change_the_line() -> None:
+    reading = LimitsReading("the left VESC", 30.0, has_fallback=True)
+    assert reading.next_question(0) == b"\x00"
+    reading.take(VERSION)
+    assert reading.next_question(10**12) is None
+    assert reading.arming_failures() == []
+    assert reading.description == (
+        "6.00 on 60_MK5; its limits are not read where there is a serial line: see VESC Tool"
+    )
+
+
 def test_until_it_is_read_arming_waits() -> None:
     reading = LimitsReading("the left VESC", 30.0)
     waits = ["the firmware and limits of the left VESC are being read; try again in a moment"]
