@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from segway_ecc.firmware_io.devices import SUPPLY_STALE_NS, Freshness, Readings, WrappedCounter, stale_after_ns
 from segway_ecc.firmware_io.drives.cia402.frames import (
     EMERGENCY,
+    SDO_READ,
     WITHOUT_TORQUE,
     Controlword,
     DriveState,
@@ -17,6 +18,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     NmtState,
     Service,
     TorqueCommand,
+    is_answer,
     motor_angle,
     motor_velocity,
     state_of,
@@ -32,8 +34,6 @@ from segway_ecc.firmware_io.links.link import Frame, NowNs
 
 _HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
 _POSITION_BITS: Final = 32
-_READ: Final = 0x40
-"""The specifier of a request to read."""
 
 
 class Exchange(NamedTuple):
@@ -88,15 +88,17 @@ class Restoring:
         return self._exchanges[self._place].request
 
     def take_answer(self, answer: bytes) -> bool:
-        """Take an SDO answer; False where none was waited for."""
+        """Take an SDO answer; False where none was waited for, or it answers something else."""
         if not (self.is_under_way and self._is_waiting):
             return False
         request, expected = self._exchanges[self._place]
+        if not (answer and is_answer(request, answer)):
+            return False
         self._is_waiting = False
         if answer == expected:
             self._place += 1
             self._deadline_ns = 0
-        elif request[0] != _READ:
+        elif request[0] != SDO_READ:
             self.failure = f"{_object(request)} is not answered as it was"
         return True
 

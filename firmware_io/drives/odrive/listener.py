@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Telemetry of one axis, decoded, checked, time-stamped and kept; and what an axis must prove: firmware, watchdog."""
+"""Telemetry of one axis, decoded, checked, time-stamped and kept; and what an axis must prove: its watchdog."""
 
 import math
 from collections import Counter
@@ -18,6 +18,7 @@ from segway_ecc.firmware_io.devices import (
 from segway_ecc.firmware_io.drives.enabling import wheel_signals
 from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.causes import ErrorCauses
+from segway_ecc.firmware_io.drives.odrive.firmware_search import FirmwareSearch
 from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDS,
     ESTIMATES,
@@ -33,16 +34,11 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
     error_names,
     motor_motion,
 )
-from segway_ecc.firmware_io.drives.odrive.messages import AxisState, Version
+from segway_ecc.firmware_io.drives.odrive.messages import AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, NowNs
 
-_FIRST_THAT_ANSWERS: Final = (0, 6)
-_ASK_EVERY_NS: Final = 100_000_000
-"""How often the firmware is asked for its version while that is not known."""
-_ANSWERS_WITHIN_NS: Final = 350_000_000
-"""A drive that was asked for its version this long, and sends heartbeats, is one that cannot answer: firmware 0.5."""
 _CLEAR_EVERY_NS: Final = 300_000_000
 """Shortest time between two attempts to see the watchdog expire; longer than any that may be set."""
 _NEVER: Final = -(1 << 62)
@@ -61,58 +57,6 @@ _NOT_CALIBRATED: Final = 14
 """Result of a procedure (`ProcedureResult` in the firmware of 0.6)."""
 _COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
 """Those that carry what is used here, in one firmware or the other."""
-
-
-class FirmwareSearch:
-    """Finds out the firmware of one drive.
-
-    0.6 answers a request for its version, 0.5 never does: one that is silent but sends heartbeats is 0.5. The first
-    answer decides, however late: what was taken for 0.5 because answers were lost is then known for what it is.
-    `found` is None while it is not known.
-    """
-
-    def __init__(self, configured: str) -> None:
-        """Take the configured value: a firmware, or `auto`."""
-        self.found = None if configured == "auto" else Firmware(configured)
-        self._configured = self.found
-        self._answered: str | None = None
-        self._first_asked_ns: int | None = None
-        self._asked_ns = 0
-        self._beats = 0
-
-    def should_ask(self, now_ns: int) -> bool:
-        """Whether to send the request for the version now; it then counts as sent."""
-        if self.found is not None or (self._first_asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS):
-            return False
-        self._asked_ns = now_ns
-        if self._first_asked_ns is None or not self._beats:
-            # A drive that is not there cannot answer: its time begins with its first heartbeat.
-            self._first_asked_ns = now_ns
-        return True
-
-    def answer(self, version: Version) -> None:
-        """Take the drive's version."""
-        number = (version.firmware_major, version.firmware_minor)
-        self._answered = f"{number[0]}.{number[1]}.{version.firmware_revision}"
-        if self._configured is None:
-            self.found = Firmware.V0_6 if number >= _FIRST_THAT_ANSWERS else Firmware.V0_5
-
-    def beat(self, received_ns: int) -> None:
-        """A heartbeat arrived."""
-        self._beats += 1
-        asked_ns = self._first_asked_ns
-        if self.found is None and asked_ns is not None and received_ns - asked_ns >= _ANSWERS_WITHIN_NS:
-            self.found = Firmware.V0_5
-
-    @property
-    def mismatch(self) -> str | None:
-        """What speaks against the firmware that the robot file names; None where nothing does."""
-        if self._configured is Firmware.V0_5 and self._answered is not None:
-            return f"answers that its firmware is {self._answered}; set firmware to '0.6' or 'auto'"
-        return None
-
-    def __str__(self) -> str:
-        return str(self._answered or self.found or "unknown")
 
 
 class WatchdogProof:
@@ -326,6 +270,7 @@ class AxisListener:
             "error": ", ".join(self.errors) or "none",
             "causes": "; ".join(self.causes.found) or "none",
             "firmware": str(self.search),
+            "unconfirmed_versions": str(self.search.unconfirmed),
             **self.fresh.health,
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
             "angle_resolution_rad": f"{abs(self._wheel.wheel(angle_resolution(self.origin.estimates))):.1e}",

@@ -241,6 +241,7 @@ class Vesc(PhasedDrive):
             "timeout": f"{self._probe.found}{measured}",
             "fault": "not reported" if fault is None else fault_name(fault) if fault else "none",
             "firmware": self._limits.description,
+            "unconfirmed_versions": str(self._limits.unconfirmed),
             "bus_voltage_v": f"{self._bus_voltage:.1f}",
             **self._fresh.health,
             "current_a": f"{self._status.current:.1f}",

@@ -52,6 +52,26 @@ def test_identity_is_read_as_far_as_there_is_one(memory: Any, network: LinkNetwo
     assert set_up(network, SETTINGS, SETTINGS.axes["right"], 2_000).identity == Identity(None, None, None, None)
 
 
+def test_frames_of_a_stranger_among_the_answers_are_discarded_and_counted(
+    memory: Any, network: LinkNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory.add(5)
+    send, strange = memory.send, ("4399880011223344", "6001020300000000", "8001020302000106", "a0b0c0d0e0f00010")
+
+    def send_beside_a_stranger(frame: Frame) -> bool:
+        if frame.arbitration_id == 0x605:
+            memory.arrived += [Frame(0x585, bytes.fromhex(data), memory.now_ns) for data in strange]
+        answered: bool = send(frame)
+        return answered
+
+    monkeypatch.setattr(memory, "send", send_beside_a_stranger)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
+    assert network.refused >= len(network.exchanges[5]) * len(strange)
+    assert {exchange.request[1:4] for exchange in network.exchanges[5]} == {
+        exchange.answer[1:4] for exchange in network.exchanges[5]
+    }
+
+
 def test_drive_with_profile_torque_only_is_refused_by_name_before_its_mode_is_touched(
     memory: Any, network: LinkNetwork
 ) -> None:
