@@ -119,10 +119,10 @@ class Cia402Wheel:
     """
 
     def __init__(
-        self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
+        self, name: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
     ) -> None:
         """Begin with a drive from which nothing has been received."""
-        self.side = side
+        self.name = name
         self.node_id = settings.node_id
         self.rated_torque: float | None = None
         self.identity: Identity | None = None
@@ -230,16 +230,16 @@ class Cia402Wheel:
     def fault(self) -> str | None:
         """What is wrong with a drive that is to be enabled, or is; None while all is well."""
         if self.has_restarted:
-            return f"the {self.side} drive has restarted"
+            return f"the {self.name} drive has restarted"
         if self.emergency is not None:
-            return f"the {self.side} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
+            return f"the {self.name} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
         if self.nmt is not NmtState.OPERATIONAL:
-            return f"the {self.side} drive has left the operational state: {self._nmt_name}"
+            return f"the {self.name} drive has left the operational state: {self._nmt_name}"
         return self._stale
 
     def arming_failures(self, where: str) -> list[str]:
         """What speaks against enabling it."""
-        drive = f"the {self.side} drive (node {self.node_id})"
+        drive = f"the {self.name} drive (node {self.node_id})"
         if self.trouble is not None:
             return [f"{drive} on {where} is not set up: {self.trouble}; fix that, then start the node again"]
         if self.restoring.failure is not None:
@@ -272,7 +272,7 @@ class Cia402Wheel:
         for kind, name in ((Service.HEARTBEAT, "heartbeat"), (Service.TPDO1, "status"), (Service.TPDO2, "velocity")):
             age_s, valid = self._fresh.age(kind)
             if not valid:
-                return f"the {name} of the {self.side} drive is too old: {age_s * 1e3:.0f} ms"
+                return f"the {name} of the {self.name} drive is too old: {age_s * 1e3:.0f} ms"
         return None
 
     @property

@@ -220,7 +220,7 @@ class AxisListener:
     """Keeps the newest telemetry of one axis.
 
     Attributes:
-        signals: What it measures, with units; the left axis measures the supply too.
+        signals: What it measures, with units; the first axis measures the supply too.
         error: Error bits of the newest heartbeat, which carries the state too, see `AxisState`.
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
@@ -231,9 +231,10 @@ class AxisListener:
 
     def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Listen to the axis of the wheel called `name`."""
-        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
+        is_first = name == next(iter(settings.axes))
+        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if is_first else {})
         self._wheel_signals = (f"{name}.angle", f"{name}.velocity")
-        self._wheel = settings.wheel(name)
+        self._wheel = settings.axes[name]
         self.search = FirmwareSearch(settings.firmware)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # A cycle more, since what comes over a serial line is read up to one cycle late.
@@ -277,7 +278,7 @@ class AxisListener:
         return True
 
     def read(self) -> Readings:
-        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the left axis the supply's voltage (V) too.
+        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the first axis the supply's voltage (V) too.
 
         The angle is the drive's own, which counts from power-on, or from where it stood when the drive was first seen
         to measure it (`WheelOrigin`). Its resolution is that of the wire's 32-bit float, 4e-4 rad at 1000 turns of the
