@@ -88,8 +88,8 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
     [
         pytest.param(
             BASE + "arm: true",
-            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, hardware, model, "
-            "name, ros, safety, setpoint, simulation, station, wiring",
+            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, geometry, "
+            "hardware, mixing, model, name, ros, safety, setpoint, simulation, station, wiring",
             id="unknown key at the top",
         ),
         pytest.param(
@@ -174,7 +174,7 @@ def test_drives_as_0_1_had_them_are_refused_with_what_to_write() -> None:
 
 def test_the_wrong_port_of_the_wiring_is_named() -> None:
     message = refusal(BASE.replace("{}", "{X: odometry.x, LeftVoltage: 5}"))
-    assert message == "Expected `str`, got `int` at wiring.LeftVoltage; found 5"
+    assert message == "Expected `str | object`, got `int` at wiring.LeftVoltage; found 5"
 
 
 def test_the_wrong_parameter_is_named() -> None:
