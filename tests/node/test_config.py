@@ -100,7 +100,8 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "hardware: {type: wheel_board, can: {bitrat: 5}}",
-            "Object contains unknown field `bitrat` at hardware.can; the keys there are bitrate, channel, interface",
+            "Object contains unknown field `bitrat` at hardware.can; the keys there are bitrate, channel, "
+            "data_bitrate, fd, interface",
             id="unknown key two levels down",
         ),
         pytest.param(
