@@ -25,15 +25,15 @@ _STOPPED, _FAULT, _ENABLING, _CALIBRATING, _POSITION, _TIMEOUT, _ZERO_VELOCITY =
 _COMMANDED: Final = (_STOPPED, *range(5, 16))  # any other mode is ignored
 _OVER_VOLTAGE, _OUTSIDE_LIMIT, _UNDER_VOLTAGE = 34, 39, 40
 _KP, _KD, _VOLTAGES, _WARMTH = 4.0, 0.05, (4.0, 46.0), 30.0
-_SCALES: Final = {  # by register, the worth of a step as int8, int16 and int32; a float is worth itself
-    **dict.fromkeys((0x00, 0x0F), (1.0, 1.0, 1.0)),
-    **dict.fromkeys((0x01, 0x20), (1e-2, 1e-4, 1e-5)),
-    **dict.fromkeys((0x02, 0x21), (0.1, 2.5e-4, 1e-5)),
-    **dict.fromkeys((0x03, 0x22, 0x25), (0.5, 1e-2, 1e-3)),
-    **dict.fromkeys((0x0D,), (0.5, 0.1, 1e-3)),
-    **dict.fromkeys((0x0E,), (1.0, 0.1, 1e-3)),
-    **dict.fromkeys((0x23, 0x24), (1 / 127, 1 / 32767, 1 / 2147483647)),
-    **dict.fromkeys((0x27,), (1e-2, 1e-3, 1e-6)),
+_SCALES: Final = {  # by register, the worth of a step as int8, int16, int32 and float
+    **dict.fromkeys((0x00, 0x0F), (1.0, 1.0, 1.0, 1.0)),
+    **dict.fromkeys((0x01, 0x20), (1e-2, 1e-4, 1e-5, 1.0)),
+    **dict.fromkeys((0x02, 0x21), (0.1, 2.5e-4, 1e-5, 1.0)),
+    **dict.fromkeys((0x03, 0x22, 0x25), (0.5, 1e-2, 1e-3, 1.0)),
+    **dict.fromkeys((0x0D,), (0.5, 0.1, 1e-3, 1.0)),
+    **dict.fromkeys((0x0E,), (1.0, 0.1, 1e-3, 1.0)),
+    **dict.fromkeys((0x23, 0x24), (1 / 127, 1 / 32767, 1 / 2147483647, 1.0)),
+    **dict.fromkeys((0x27,), (1e-2, 1e-3, 1e-6, 1.0)),
 }
 _READ, _END, _TEXT, _POLL, _NOP = 0x10, 0x20, 0x40, 0x42, 0x50  # sub-frames: those that read, up to the end; others
 _FORMS: Final = tuple(map(struct.Struct, ("<b", "<h", "<i", "<f")))
@@ -132,8 +132,7 @@ class Controller:
                 self._command, self._wanted, self._is_new = dict(_MODE_WRITTEN), int(raw), True
             elif register in self._command:
                 is_nothing = kind != _FLOAT and raw == -(1 << 8 * form.size - 1)
-                scale = 1.0 if kind == _FLOAT else _SCALES[register][kind]
-                self._command[register] = math.nan if is_nothing else raw * scale
+                self._command[register] = math.nan if is_nothing else raw * _SCALES[register][kind]
             elif register:
                 answer += bytes((0x30, register, 2 if register in _SCALES else 1))
         return answer
@@ -171,6 +170,7 @@ class SimulatedMoteus:
     """The controllers of all axes; see `Device`. They send nothing that they are not asked for."""
 
     refused_frames = 0
+    has_supply = True
 
     def __init__(self, link: Link, settings: MoteusSettings) -> None:
         """Switch them on."""
@@ -181,11 +181,13 @@ class SimulatedMoteus:
 
     def obey(self, frames: Sequence[Frame], _now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
         """Process commands, answer them, and run the motors; see `Device.obey`."""
+        if not self.has_supply:
+            self.controllers = {name: Controller(each.settings) for name, each in self.controllers.items()}
         for name, controller in self.controllers.items():
             controller.position = controller.settings.motor(outputs[f"{name}.angle"]) / TURN
             controller.velocity = controller.settings.motor(outputs[f"{name}.velocity"]) / TURN
             controller.voltage = supply_voltage(outputs)
-            for frame in frames:
+            for frame in frames if self.has_supply else ():
                 self._receive(controller, frame)
         return [each.settings.wheel_torque(each.run()) for each in self.controllers.values()]
 
@@ -203,6 +205,10 @@ class SimulatedMoteus:
             self._link.send(Frame(to, answer.ljust(length, b"\x50"), is_extended=bool(to >> 11), is_fd=is_fd))
 
 
+def _press_stop(drives: SimulatedMoteus, pressed: bool) -> None:  # noqa: FBT001 - as the rig calls it
+    drives.has_supply = not pressed
+
+
 SIMULATED: Final[SimulatedDrives[MoteusSettings, SimulatedMoteus]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, link, _port: SimulatedMoteus(link, settings)
+    tick_ns=TICK_NS, device=lambda settings, link, _port: SimulatedMoteus(link, settings), press_stop=_press_stop
 )

@@ -46,6 +46,10 @@ class Moteus(ReportingAxis):
             axis.motor_torque(axis.max_torque),
         )
         self._title = f"the {name} moteus (id {self._id})"
+        self._silence = (
+            f"{self._title} does not answer on {link.description}; is it powered and on this bus, with can.prefix 0, "
+            "and has the bus moteus' bit rates and sample points?"
+        )
         reply = moteus.route(self._id, moteus.HOST)
         self.listens_to: Collection[FrameKey] = (reply, moteus.route(self._id, moteus.ASIDE))
         self.periods_s: Mapping[FrameKey, float] = {reply: loop_period_s}
@@ -121,13 +125,6 @@ class Moteus(ReportingAxis):
             **self._found,
             **self._fresh.health,
         }
-
-    @property
-    def _silence(self) -> str:
-        return (
-            f"{self._title} does not answer on {self._link.description}; is it powered and on this bus, "
-            "with can.prefix 0, and has the bus moteus' bit rates and sample points?"
-        )
 
     def _take(self, frame: Frame) -> None:
         if frame.data.startswith(moteus.TEXT):

@@ -14,7 +14,7 @@ from segway_ecc.firmware_io.links.link import FD_LENGTHS, Frame
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import OfflineSeat
-from segway_ecc.hil.devices.moteus import SimulatedMoteus
+from segway_ecc.hil.devices.moteus import SIMULATED, SimulatedMoteus
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 SETTINGS = MoteusSettings(
@@ -245,6 +245,16 @@ def test_the_console_answers_conf_get_a_poll_later(bench: Bench) -> None:
     assert bench.tick("420130") == b"\x41\1\0"
     ask("conf get servo.nothing\n")
     assert bench.tick("420130") == b"\x41\1\x0ferror reading\r\n"
+
+
+def test_without_supply_they_are_silent_and_afterwards_as_just_switched_on(bench: Bench) -> None:
+    bench.follow(torque(0.5))
+    assert SIMULATED.press_stop is not None
+    SIMULATED.press_stop(bench.drives, True)  # noqa: FBT003 - as the rig calls it
+    assert bench.tick("1100") == b""
+    assert bench.torques == [0.0, 0.0]
+    SIMULATED.press_stop(bench.drives, False)  # noqa: FBT003
+    assert bench.tick("1100").hex() == "210000"
 
 
 def test_a_stop_acts_before_the_next_frame_can_be_there(bench: Bench) -> None:

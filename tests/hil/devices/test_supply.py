@@ -58,7 +58,7 @@ def test_the_plants_supply_is_measured_within_a_third_of_a_second(name: str) -> 
         assert bench.supply() == (volts, True)
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
 def test_the_segways_battery_is_the_robots_supply(name: str) -> None:
     bench = Bench(name)
     volts, is_valid = bench.supply()
