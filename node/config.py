@@ -158,7 +158,7 @@ def _kind_of(data: object, where: str) -> type[RobotFile]:
     """`RobotFile`, with the settings of the drives and the IMU that a document names.
 
     Raises:
-        ConfigurationError: It has hardware, and names no drives.
+        ConfigurationError: It has hardware, and names no drives, or has drives as 0.1 had them.
         PluginError: What it names is not installed.
     """
     hardware = data.get("hardware") if isinstance(data, dict) else None
@@ -171,6 +171,11 @@ def _kind_of(data: object, where: str) -> type[RobotFile]:
     if name == "none":
         return _with_field(RobotFile, "hardware", NoHardwareSection)
     settings = drive_family(name).settings
+    if "axes" in settings.__struct_fields__ and hardware.keys() & {"left", "right"}:
+        raise ConfigurationError(
+            f"{where}: hardware.left and hardware.right, as 0.1 had them, are two of any number of axes now: write "
+            "hardware.axes.left and hardware.axes.right"
+        )
     if isinstance(imu, dict):
         settings = _with_field(settings, "external_imu", imu_family(imu.get("type", DEFAULT_IMU)).settings | None)
     return _with_field(RobotFile, "hardware", NoHardwareSection | settings)

@@ -20,7 +20,7 @@ from segway_ecc.testing import check_conformance
 
 left = PocketWheel(node=1, max_torque=4.0)
 right = PocketWheel(node=2, max_torque=4.0, direction=-1, gear_ratio=2.0)
-check_conformance(sys.argv[1], FAMILY, SIMULATED, PocketSettings(left=left, right=right))
+check_conformance(sys.argv[1], FAMILY, SIMULATED, PocketSettings(axes={"left": left, "right": right}))
 """
 
 

@@ -18,17 +18,13 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.settings import BusSettings
 
-_SIDES: Final = ("left", "right")
 _FIGURES: Final = {
     "watchdog_s": re.compile(r"^board\.watchdog_s=([\d.]+)$"),
-    "left_rated_torque_n_m": re.compile(r"^drives\.left\.rated_torque_nm=([\d.e+-]+)$"),
-    "right_rated_torque_n_m": re.compile(r"^drives\.right\.rated_torque_nm=([\d.e+-]+)$"),
-    "left_least_current_a": re.compile(r"^left\.firmware=.*; motor (-?[\d.e+-]+) to "),
-    "left_most_current_a": re.compile(r"^left\.firmware=.*; motor \S+ to (\S+) A"),
-    "right_least_current_a": re.compile(r"^right\.firmware=.*; motor (-?[\d.e+-]+) to "),
-    "right_most_current_a": re.compile(r"^right\.firmware=.*; motor \S+ to (\S+) A"),
+    "{}_rated_torque_n_m": re.compile(r"^drives\.(\w+)\.rated_torque_nm=([\d.e+-]+)$"),
+    "{}_least_current_a": re.compile(r"^(\w+)\.firmware=.*; motor (-?[\d.e+-]+) to "),
+    "{}_most_current_a": re.compile(r"^(\w+)\.firmware=.*; motor \S+ to (\S+) A"),
 }
-"""By name with the unit: where the health of the hardware, as `key=text`, has it."""
+"""By name with the axis and the unit: where the health of the hardware, as `key=text`, has it."""
 
 
 class DriveLimits(NamedTuple):
@@ -61,7 +57,8 @@ def _readings(health: Mapping[str, str]) -> dict[str, float]:
         for name, pattern in _FIGURES.items():
             match = pattern.match(f"{key}={text}")
             if match is not None:
-                found[name] = float(match[1])
+                *axis, figure = match.groups()
+                found[name.format(*axis)] = float(figure)
     return found
 
 
@@ -73,8 +70,7 @@ def _of_board(_settings: BusSettings, measured: Mapping[str, float], _fastest: f
 def _of_odrive(settings: BusSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, OdriveSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side in _SIDES:
-        wheel = settings.wheel(side)
+    for side, wheel in settings.axes.items():
         torque, turns_s = abs(wheel.motor_torque(wheel.max_torque)), _turns(wheel.motor(fastest_rad_s))
         axis = f"odrv0.axis{wheel.axis}"
         amperes = (
@@ -99,7 +95,7 @@ def _of_odrive(settings: BusSettings, _measured: Mapping[str, float], fastest_ra
 def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, VescSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         who = f"{side} (id {wheel.controller_id})"
         if f"{side}_most_current_a" not in measured:
             lines.append(
@@ -114,7 +110,7 @@ def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s
 def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, Cia402Settings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         rated = measured.get(f"{side}_rated_torque_n_m", math.nan)
         share = 1e3 * abs(wheel.motor_torque(wheel.max_torque)) / rated if rated else math.nan
         rpm = 60.0 * _turns(wheel.motor(fastest_rad_s))

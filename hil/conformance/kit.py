@@ -168,9 +168,8 @@ def _garbage(trial: _Trial) -> None:
     rig, chance = trial.rig, random.Random(1)  # noqa: S311 - repeatable, and no secret
     rig.arm()
     stranger = rig.rig.bus.attach("stranger")
-    # Of what comes at a steady rate, so that a good frame soon follows: an answer to what is asked once may be forged
-    # where a protocol has no codes of its own.
-    keys = sorted({FrameKey(*key) for drive in rig.drives for key in drive.periods_s})
+    # Answers to what is asked once are among them: one frame that happens to read as such must not last.
+    keys = sorted({FrameKey(*key) for drive in rig.drives for key in drive.listens_to})
     for _ in range(_GARBAGE):
         identifier, is_extended = chance.choice(keys)
         data = chance.randbytes(chance.randrange(9))

@@ -3,8 +3,8 @@
 
 Read in 2026 (register map 5): moteus_controller.cc, bldc_servo_structs.h, bldc_servo_control.h and fdcan_micro_server.h
 in fw of github.com/mjbots/moteus; multiplex/micro_server.cc and micro/persistent_config.cc of github.com/mjbots/mjlib.
-Simplified: torque follows at once, positions have no limits of speed, other modes than those below give no torque, and
-registers from 0x080 on are not there. An answer is cut off where its frame is full.
+Simplified: torque follows at once, positions have no limits of speed, other modes give no torque, registers from 0x080
+on are not there, and an answer is cut off where its frame is full.
 """
 
 import math
@@ -169,8 +169,7 @@ def _packed(value: float, register: int, kind: int) -> bytes:
 class SimulatedMoteus:
     """The controllers of all axes; see `Device`. They send nothing that they are not asked for."""
 
-    refused_frames = 0
-    has_supply = True
+    refused_frames, has_supply = 0, True
 
     def __init__(self, link: Link, settings: MoteusSettings) -> None:
         """Switch them on."""

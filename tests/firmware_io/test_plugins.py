@@ -94,8 +94,8 @@ def test_a_family_of_another_distribution_is_found(installed: Path) -> None:
     install(installed, "other-drive", DRIVES, other="other_drive:FAMILY")
     wheel = "pole_pairs: 7, torque_constant: 0.1, max_torque: 1.0"
     text = (
-        f"hardware: {{type: other, timeout_set_s: 0.03, left: {{controller_id: 1, {wheel}}}, "
-        f"right: {{controller_id: 2, {wheel}}}}}"
+        f"hardware: {{type: other, timeout_set_s: 0.03, axes: {{left: {{controller_id: 1, {wheel}}}, "
+        f"right: {{controller_id: 2, {wheel}}}}}}}"
     )
 
     hardware = hardware_of(decode_robot(BASE + text, "r.yaml"))

@@ -171,6 +171,12 @@ def test_a_key_of_other_hardware_is_not_offered() -> None:
     assert "watchdog_s" not in refusal(BASE + "hardware: {type: none, can: {}}").partition("; the keys there are")[2]
 
 
+def test_drives_as_0_1_had_them_are_refused_with_what_to_write() -> None:
+    wheel = "{node_id: 1, max_torque: 1.0}"
+    found = refusal(f"{BASE}hardware: {{type: odrive, left: {wheel}, right: {wheel}}}")
+    assert found.endswith("write hardware.axes.left and hardware.axes.right")
+
+
 def test_the_wrong_port_of_the_wiring_is_named() -> None:
     message = refusal(BASE.replace("{}", "{X: odometry.x, LeftVoltage: 5}"))
     assert message == "Expected `str`, got `int` at wiring.LeftVoltage; found 5"

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """One axis behind a moteus controller as a `Drive`: torque in, angle, velocity and torque out."""
 
+import contextlib
 import math
 from collections.abc import Collection, Generator, Mapping, Sequence
 from typing import Final
@@ -158,13 +159,8 @@ def _read_configuration(found: dict[str, str]) -> Generator[bytes | None, bytes,
             is_asked = answers % _ASKED_AGAIN == 0
             answer = yield moteus.console_line(f"conf get {name}") if is_asked else moteus.POLL_TEXT
             text, answers = (b"" if is_asked else text) + answer, answers + 1
-        found[name] = _plain(text.partition(b"\n")[0].decode("ascii", "replace").strip())
+        found[name] = text.partition(b"\n")[0].decode("ascii", "replace").strip()
+        with contextlib.suppress(ValueError):
+            found[name] = f"{float(found[name]):g}"
     while True:
         yield None
-
-
-def _plain(text: str) -> str:
-    try:
-        return f"{float(text):g}"
-    except ValueError:
-        return text

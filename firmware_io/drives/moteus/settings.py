@@ -5,7 +5,7 @@ from typing import Annotated
 
 import msgspec
 
-from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
+from segway_ecc.firmware_io.settings import Axes, BusSettings, WheelSettings, check_axes, check_unique
 
 
 class MoteusAxisSettings(WheelSettings, frozen=True, kw_only=True):
@@ -17,12 +17,11 @@ class MoteusAxisSettings(WheelSettings, frozen=True, kw_only=True):
 class MoteusSettings(BusSettings, frozen=True, kw_only=True, tag="moteus"):
     """moteus controllers, by the names of their axes: the first one measures the supply."""
 
-    axes: Annotated[dict[str, MoteusAxisSettings], msgspec.Meta(min_length=1)]
+    axes: Axes[MoteusAxisSettings]
 
     def __post_init__(self) -> None:
         """Refuse a bus of classic CAN, and two controllers of one id; ValueError."""
         if not self.can.fd:
             raise ValueError("moteus is on CAN FD: can: {fd: true, bitrate: 1000000, data_bitrate: 5000000}")
-        ids = [axis.servo_id for axis in self.axes.values()]
-        if len(set(ids)) < len(ids):
-            raise ValueError(f"{', '.join(self.axes)} have servo_id {', '.join(map(str, ids))}; each needs its own")
+        check_axes(self.axes)
+        check_unique("servo_id", {name: axis.servo_id for name, axis in self.axes.items()})

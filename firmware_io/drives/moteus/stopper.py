@@ -1,31 +1,26 @@
 # SPDX-License-Identifier: MIT
 """What the guard must know of moteus controllers."""
 
-from collections.abc import Sequence
-
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.drives.moteus import frames as moteus
 from segway_ecc.firmware_io.drives.moteus.settings import MoteusSettings
-from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, WheelStopper
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
 _FIRST_READ = 0x10  # sub-frames below it write; the mode must be written first (docs/protocol/registers.md)
 
 
-class MoteusStopper:
+class MoteusStopper(WheelStopper):
     """moteus controllers: each is stopped, and asked for its mode."""
-
-    reports = True
 
     def __init__(self, settings: MoteusSettings) -> None:
         """Know the controllers by their ids."""
-        self.drives: Sequence[str] = tuple(settings.axes)
-        self._names = {axis.servo_id: name for name, axis in settings.axes.items()}
+        names = {axis.servo_id: name for name, axis in settings.axes.items()}
+        routes = [moteus.route(moteus.HOST, servo_id, wants_reply=True) for servo_id in names]
+        super().__init__(names, [moteus.frame_to(to, moteus.stop_command(settings.watchdog_s)) for to in routes])
         hosts = (moteus.HOST, moteus.ASIDE)
-        self._reports = {moteus.route(servo_id, host): name for servo_id, name in self._names.items() for host in hosts}
-        routes = [moteus.route(moteus.HOST, servo_id, wants_reply=True) for servo_id in self._names]
-        self._stop = [moteus.frame_to(route, moteus.stop_command(settings.watchdog_s)) for route in routes]
+        self._reports = {moteus.route(servo_id, host): name for servo_id, name in names.items() for host in hosts}
 
     def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
@@ -42,7 +37,3 @@ class MoteusStopper:
         if frame.data.startswith(moteus.STOP):
             return Observation(name, Meaning.DISABLE)
         return Observation(name, Meaning.ZERO if moteus.is_zero(frame.data) else Meaning.MOVE)
-
-    def stop(self) -> Sequence[Frame]:
-        """The frames for all; see `Stopper.stop`."""
-        return self._stop

@@ -98,9 +98,9 @@ def test_a_drive_that_was_off_and_is_set_up_again_reports_its_supply_again() -> 
     bench.cycle(30)
     drives = bench.robot.devices[0]
     assert isinstance(drives, SimulatedCia402)
-    drives.left.switch_off()
+    drives.axes["left"].switch_off()
     assert bench.supply(150)[1] is False
-    drives.left.switch_on()
+    drives.axes["left"].switch_on()
     bench.robot.stuck[PLANT] = 20.0
     assert bench.supply(200) == (20.0, True)
     assert bench.hardware.arming_failures() == []
