@@ -290,7 +290,7 @@ class _ScenarioBench:
         self.arming_refusal: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
-        self.rig = rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = rig = LockstepRig.of(hardware_of(file).can)
         self.injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
         self._clock = clock = DisturbedClock(rig, injections)
         clock.on_kill = self._kill

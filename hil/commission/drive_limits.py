@@ -2,8 +2,8 @@
 """What the drives are set to by themselves: what their drivers read back of it, and what a person is to look up.
 
 Read back is what a driver reports in the hardware's health. What no driver reads yet is looked up in the vendor's tool:
-the names are those of odrivetool (docs.odriverobotics.com, 0.5.6 and 0.6), of VESC Tool 6 and of CiA 402-2. A driver
-that reads more gets a line in `_readings` and loses one in the look-ups of its family.
+the names are those of odrivetool (docs.odriverobotics.com, 0.5.6 and 0.6), of VESC Tool 6, of moteus' console and of
+CiA 402-2. A driver that reads more gets a line in `_readings` and loses one in the look-ups of its family.
 """
 
 import math
@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.moteus.settings import MoteusSettings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
@@ -121,6 +122,19 @@ def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad
     return lines
 
 
+def _of_moteus(settings: BusSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+    assert isinstance(settings, MoteusSettings)  # noqa: S101 - chosen by its type
+    lines = []
+    for name, axis in settings.axes.items():
+        torque, turns_s = abs(axis.motor_torque(axis.max_torque)), _turns(axis.motor(fastest_rad_s))
+        who = f"{name} (id {axis.servo_id})"
+        lines += [
+            f"{who}: conf get servo.max_current_A (at least {torque:.4g} N m / torque constant, 8.27 / motor.Kv)",
+            f"{who}: conf get servo.max_velocity (at least {turns_s:.4g} turns/s)",
+        ]
+    return lines
+
+
 def _turns(rad_s: float) -> float:
     """Turns a second, without the sign."""
     return abs(rad_s) / (2.0 * math.pi)
@@ -131,5 +145,6 @@ _LOOKUPS: Final[dict[type, Callable[[BusSettings, Mapping[str, float], float], l
     OdriveSettings: _of_odrive,
     VescSettings: _of_vesc,
     Cia402Settings: _of_cia402,
+    MoteusSettings: _of_moteus,
 }
 """By family: the lines of what is not read back."""

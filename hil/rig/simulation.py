@@ -2,12 +2,13 @@
 """The simulation that a robot file describes, and the rigs that run it: in lock step, or in real time."""
 
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Final, Protocol, Self
 
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.devices.device import Device
 from segway_ecc.hil.devices.family import simulated_drives, simulated_imu
@@ -147,14 +148,19 @@ class LockstepRig:
     Its time stops wherever a source is to act.
     """
 
-    def __init__(self, bitrate: int) -> None:
-        """Make a rig with an empty bus at `bitrate` bit/s."""
-        self.bus = SimulatedBus(bitrate, self.now_ns)
+    def __init__(self, bitrate: int, fd_bitrate: int | None = None) -> None:
+        """Make a rig with an empty bus at `bitrate` bit/s, and with CAN FD where its data have a bit rate."""
+        self.bus = SimulatedBus(bitrate, self.now_ns, fd_bitrate)
         self._robot: SimulatedRobot | None = None
         self._observe: Observer | None = None
         self._sources: list[Source] = []
         self._now_ns = 0
         self._next_tick_ns = 0
+
+    @classmethod
+    def of(cls, can: CanSettings) -> Self:
+        """A rig with the bus that a robot file describes."""
+        return cls(can.bitrate, can.fd_bitrate)
 
     def attach(self, robot: SimulatedRobot, observe: Observer | None = None) -> None:
         """Let a simulated robot take part; `observe` is called after each of its ticks."""

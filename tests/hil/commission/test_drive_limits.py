@@ -6,10 +6,12 @@ import math
 import pytest
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.moteus.settings import MoteusAxisSettings, MoteusSettings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
 from segway_ecc.firmware_io.drives.vesc.limits import CurrentLimits, FirmwareVersion, LimitsReading
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.commission.drive_limits import drive_limits
 from segway_ecc.hil.commission.expected import expected_of
 from segway_ecc.hil.commission.person import Answer
@@ -71,6 +73,15 @@ def test_currents_that_a_vesc_reported_are_figures_and_only_its_speed_is_looked_
 def test_currents_that_a_vesc_does_not_report_are_looked_up_too() -> None:
     lookups = drive_limits(vesc(), {"left.firmware": "did not answer FW_VERSION"}, FASTEST).lookups
     assert sum("Motor Current Max" in line and "at least 10 A" in line for line in lookups) == 2
+
+
+def test_limits_of_a_moteus_are_looked_up_by_their_names_in_its_console() -> None:
+    axes = {"left": MoteusAxisSettings(servo_id=3, max_torque=2.0, gear_ratio=4.0)}
+    lookups = drive_limits(MoteusSettings(can=CanSettings(fd=True), axes=axes), {}, FASTEST).lookups
+    assert lookups == (
+        "left (id 3): conf get servo.max_current_A (at least 0.5 N m / torque constant, 8.27 / motor.Kv)",
+        "left (id 3): conf get servo.max_velocity (at least 40 turns/s)",
+    )
 
 
 def test_rated_torque_of_a_cia402_drive_is_a_figure_and_gives_what_its_largest_torque_must_be() -> None:
