@@ -30,6 +30,10 @@ _FAR: Final = 50.0
 """No gain of the packaged segways is stable at more than 44 times its design (steering; balance at 4.1; docs/segway).
 One in degrees where radians are wanted is 57 times as large."""
 _NOTED: Final = 10.0
+_HOLD_UP: Final = ("PitchGain", "PitchRateGain", "VelocityGain")
+"""Gains by which a segway stands. A lighter or smaller one has smaller ones, and in nearly the same proportion: the
+quotient of the first two is the pendulum's rate, which goes with the root of its length. One that is far smaller than
+both others holds up no robot."""
 _SAME: Final = 0.1
 """Two figures of one length differ by no more than this part."""
 _UNITS: Final = {
@@ -118,13 +122,29 @@ def _design(robot: Robot) -> Mapping[str, float]:
 def _parameters(robot: Robot) -> Iterator[Finding]:
     """Those that are given, or left out where the design has them, against the design."""
     given, design = robot.file.model.parameters, _design(robot)
+    shares = {name: given.get(name, 0.0) / design[name] for name in _HOLD_UP if design.get(name)}
     for variable in robot.model.parameters:
         name = variable.name
         if name in given or name in design:
-            designed = design.get(name, variable.value)
-            found = _compared(variable, given.get(name, variable.value), designed, is_ours=_is_ours(robot))
+            value, designed = given.get(name, variable.value), design.get(name, variable.value)
+            others = [share for other, share in shares.items() if other != name]
+            if _is_ours(robot) and name in shares and 0.0 <= shares[name] * _FAR <= min(others):
+                yield _too_small(variable, value, designed)
+                continue
+            found = _compared(variable, value, designed, is_ours=_is_ours(robot))
             if found is not None:
                 yield found
+
+
+def _too_small(variable: Variable, value: float, designed: float) -> Finding:
+    """One of the gains that hold a segway up, which does not."""
+    unit, times = variable.unit, "nothing" if value == 0.0 else f"{value / designed:.3g} times that"
+    return bad(
+        f"{_PARAMETERS}, {variable.name}",
+        f"{value:g} {unit}, the design has {designed:g} {unit}: {times}, and the others are not as small",
+        "the robot does not stand: it falls, and is FALLEN",
+        f"correct model.parameters.{variable.name}; gains of a segway: segway-ecc design gains ROBOT",
+    )
 
 
 def _compared(variable: Variable, value: float, designed: float, *, is_ours: bool) -> Finding | None:

@@ -110,7 +110,7 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
     bench.run()
     fault_ns = bench.injections.first_ns or 0
     changes = bench.node.changes[1:]  # the first is to be armed
-    after = [change for change in changes if change.at_ns >= fault_ns] if scenario.faults else []
+    after = [change for change in changes if change.at_ns >= fault_ns]
     reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
     reasons += [*bench.commander.refusals, bench.error or bench.arming_refusal or ""]
     drive = bench.drive
