@@ -54,7 +54,8 @@ class Sleeping(Protocol):
     """A device that needs no pass before `next_ns`, unless a frame arrives: it gives what it gave, and sends nothing.
 
     That is of its newest pass, which may be asked for at any time; what is done to it from outside may make it earlier.
-    Minus infinity is for a device that needs every pass. What it measures of an IMU it measures in `send_telemetry`.
+    Minus infinity is for a device that needs every pass. What it measures of an IMU it measures when it is due, in
+    `send_telemetry`.
     """
 
     @property

@@ -58,8 +58,12 @@ class DisturbedBus(FaultyLink):
 
     def _set_fault(self) -> Sequence[Injection]:
         """Fail as a whole where that is asked for; returns what is there now."""
+        self.fault = None
+        if not self._injections:
+            return ()
         faults = active(self._injections)
-        self.fault = next((_FAULTS[i.fault.type] for i in faults if i.fault.type in _FAULTS), None) if faults else None
+        if faults:
+            self.fault = next((_FAULTS[i.fault.type] for i in faults if i.fault.type in _FAULTS), None)
         return faults
 
     def _remember(self, frames: Sequence[Frame], *, is_sent: bool) -> None:

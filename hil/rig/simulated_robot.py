@@ -19,7 +19,7 @@ class SimulatedRobot:
     Attributes:
         tick_ns: Period of the firmware's loops.
         inputs: What the motors give the plant, in the plant's order.
-        outputs: The plant's newest outputs, in the plant's order; after a tick in which all devices sleep, those of an
+        outputs: The plant's newest outputs, in the plant's order; after a tick in which no device is due, those of an
             IMU may be older.
         devices: The devices, drives first.
         stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.
@@ -72,10 +72,11 @@ class SimulatedRobot:
             frames = ()
         self._ticks += 1
         moves = self._ticks % self._ticks_per_step == 0
-        if not frames and self._all_sleep(now_ns):
+        is_due = not self._all_sleep(now_ns)
+        # Where the plant moves in each tick, devices that are due find new outputs in that tick.
+        advance = self._advance if is_due or self._ticks_per_step > 1 else self._advance_unseen
+        if not (is_due or frames):
             if moves:
-                # Where the plant moves in each tick, the devices find new outputs in the tick in which they wake up.
-                advance = self._advance_unseen if self._ticks_per_step == 1 else self._advance
                 self.outputs, self._by_name_of = advance(self.inputs, self._steps), None
             return
         outputs = self._measured()
@@ -86,7 +87,7 @@ class SimulatedRobot:
                 for place, value in zip(places, given, strict=True):
                     inputs[place] = value
         if moves:
-            self.outputs, self._by_name_of = self._advance(self.inputs, self._steps), None
+            self.outputs, self._by_name_of = advance(self.inputs, self._steps), None
             outputs = self._measured()
         for device in self.devices:
             device.send_telemetry(now_ns, outputs)
