@@ -185,6 +185,8 @@ class Freshness(Generic[Kind]):
             now_ns = self._now_ns()
         age_ns = now_ns - received_ns
         limit_ns = self._stale_ns[kind] if stale_ns is None else stale_ns
+        if age_ns <= limit_ns:  # as nearly always; what follows only makes it longer
+            return age_ns * 1e-9, True
         if now_ns - self.newest_ns <= limit_ns:
             limit_ns = limit_ns * PATIENCE_PERIODS // STALE_PERIODS
         if self._ride_ns:  # the first frame after a gap may be refused, by its counter

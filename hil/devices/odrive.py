@@ -125,6 +125,7 @@ class SimulatedOdrive:
         axes: The axes, in the order of the settings.
         boards: Those that they are on: two axes that follow one another share one (0.5), or each has its own (0.6).
         cycles: What each axis sends unasked, and how often.
+        next_ns: See `Sleeping`: it sleeps while its torques follow from nothing but the newest set-points.
     """
 
     def __init__(
@@ -153,7 +154,8 @@ class SimulatedOdrive:
         self.is_on = True
         self.cycles = [self._cycles(settings) for _ in self.axes]
         self._link = link
-        self._next_ns = -math.inf
+        self.next_ns = -math.inf
+        self._due_ns = self._acts_ns = -math.inf
         self._refused = 0
         self._pack = _PACK.get(self.release, _PACK[Release.V0_5_5])
         self._ends = [(axis, self.boards[place // size]) for place, axis in enumerate(self.axes)]
@@ -167,11 +169,11 @@ class SimulatedOdrive:
 
     def switch_off(self) -> None:
         """Take the power away."""
-        self.is_on = False
+        self.is_on, self.next_ns = False, -math.inf
 
     def switch_on(self) -> None:
         """Give the power back: everything but the configuration is lost."""
-        self.is_on = True
+        self.is_on, self.next_ns = True, -math.inf
         for board in self.boards:
             board.restart()
 
@@ -192,11 +194,13 @@ class SimulatedOdrive:
             board.check_supply()
         for axis in self.axes:
             axis.tick(now_ns)
+        self._acts_ns = self._next_act_ns(now_ns)
+        self.next_ns = min(self._acts_ns, self._due_ns)
         return [axis.settings.wheel_torque(axis.torque_nm) for axis in self.axes]
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due."""
-        if not self.is_on or now_ns < self._next_ns:  # as in most ticks
+        if not self.is_on or now_ns < self._due_ns:  # as in most ticks
             return
         due = [
             (end, cycle.command)
@@ -204,11 +208,19 @@ class SimulatedOdrive:
             for cycle in cycles
             if cycle.is_due(now_ns)
         ]
-        self._next_ns = min(cycle.next_ns for cycles in self.cycles for cycle in cycles)
+        self._due_ns = min(cycle.next_ns for cycles in self.cycles for cycle in cycles)
+        self.next_ns = min(self._acts_ns, self._due_ns)
         if due:
             self._move(outputs)
         for (axis, board), command in due:
             self._send(axis, board, command)
+
+    def _next_act_ns(self, now_ns: int) -> float:
+        """When, after a pass now, the next one may change anything; bytes of the serial line come at any time."""
+        if self._ascii is not None or any([board.limits_current for board in self.boards]):  # noqa: C419 - a generator takes longer
+            return -math.inf
+        left, right = self.axes
+        return min(left.next_ns(now_ns), right.next_ns(now_ns))
 
     def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
         periods = [(_HEARTBEAT, settings.heartbeat_period_s), (_ESTIMATES, settings.encoder_period_s)]

@@ -233,7 +233,8 @@ class PlantFront:
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps at once; see `Advancing`."""
-        return list(self._advance(u, steps))
+        y = self._advance(u, steps)
+        return y if isinstance(y, list) else list(y)
 
     def terminate(self) -> None:
         """Run the final section."""

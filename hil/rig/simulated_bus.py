@@ -77,7 +77,9 @@ class SimulatedBus:
             return
         now_ns = self._now_ns()
         while waiting:
-            start_ns = max(self._busy_until_ns, waiting[0][0])
+            start_ns, busy_ns = waiting[0][0], self._busy_until_ns
+            if busy_ns > start_ns:  # noqa: PLR1730 - max() takes longer
+                start_ns = busy_ns
             winner = waiting[0] if len(waiting) == 1 else self._winner(start_ns)
             _, _, duration_ns, sent, sender = winner
             end_ns = start_ns + duration_ns

@@ -16,6 +16,7 @@ from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.wired_plant import WiredPlant
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
@@ -45,10 +46,12 @@ def simulated_plant(file: RobotFile) -> Model:
     Raises:
         NoSimulationError: It names none.
         ModelError: The plant cannot be loaded.
+        UnknownNameError: Its wiring names a port that it does not have.
     """
     if file.simulation is None:
         raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
-    return load_model(file.simulation.plant, file.simulation.parameters)
+    plant, wiring = load_model(file.simulation.plant, file.simulation.parameters), file.simulation.wiring
+    return WiredPlant(plant, wiring, file.plant_mixers) if wiring else plant
 
 
 def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> SimulatedRobot:

@@ -20,8 +20,8 @@ from segway_ecc.node.safety.settings import StationSettings
 from segway_ecc.testing import ScriptedClock
 
 PACKAGED = (
-    "the packaged robots are cart, cart-can, cart-cia402, cart-moteus, cart-odrive, cart-vesc, segway, segway-moteus, "
-    "segway-odrive"
+    "the packaged robots are arm, cart, cart-can, cart-cia402, cart-moteus, cart-odrive, cart-vesc, pan-tilt, segway, "
+    "segway-moteus, segway-odrive, skid-steer"
 )
 BASE = "name: cart\nmodel: {source: 'segway_ecc.node.models.cart:Cart'}\nwiring: {}\n"
 
@@ -35,9 +35,9 @@ def refusal(text: str) -> str:
     return message.removeprefix("robot.yaml: ")
 
 
-def test_the_packaged_robots_are_the_cart_and_the_segway_on_the_drive_families() -> None:
+def test_the_packaged_robots_are_the_cart_and_the_segway_on_the_drive_families_and_one_of_each_kind() -> None:
     carts = ["cart", "cart-can", "cart-cia402", "cart-moteus", "cart-odrive", "cart-vesc"]
-    assert packaged_robots() == [*carts, "segway", "segway-moteus", "segway-odrive"]
+    assert packaged_robots() == ["arm", *carts, "pan-tilt", "segway", "segway-moteus", "segway-odrive", "skid-steer"]
 
 
 @pytest.mark.parametrize("name", packaged_robots())
@@ -46,7 +46,7 @@ def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -
     assert file.name == name
     robot = build_robot(file, ScriptedClock())
     assert robot.period_ns == (5_000_000 if name.startswith("segway") else 10_000_000)
-    assert robot.model.name.startswith(("cart", "segway"))
+    assert robot.model.name.startswith(("cart", "segway", "arm", "pan-tilt", "skid-steer"))
 
 
 @pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
@@ -91,8 +91,8 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
     [
         pytest.param(
             BASE + "arm: true",
-            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, hardware, model, "
-            "name, ros, safety, setpoint, simulation, station, wiring",
+            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, geometry, "
+            "hardware, mixing, model, name, ros, safety, setpoint, simulation, station, wiring",
             id="unknown key at the top",
         ),
         pytest.param(
@@ -179,7 +179,7 @@ def test_drives_as_0_1_had_them_are_refused_with_what_to_write() -> None:
 
 def test_the_wrong_port_of_the_wiring_is_named() -> None:
     message = refusal(BASE.replace("{}", "{X: odometry.x, LeftVoltage: 5}"))
-    assert message == "Expected `str`, got `int` at wiring.LeftVoltage; found 5"
+    assert message == "Expected `str | object`, got `int` at wiring.LeftVoltage; found 5"
 
 
 def test_the_wrong_parameter_is_named() -> None:

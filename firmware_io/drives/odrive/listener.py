@@ -20,7 +20,6 @@ from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.causes import ErrorCauses
 from segway_ecc.firmware_io.drives.odrive.firmware_search import FirmwareSearch
 from segway_ecc.firmware_io.drives.odrive.frames import (
-    COMMANDS,
     ESTIMATES,
     HEARTBEAT,
     LAYOUTS,
@@ -183,8 +182,8 @@ class AxisListener:
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # A cycle more, since what comes over a serial line is read up to one cycle late.
         self.proof = WatchdogProof(round((settings.watchdog_s + beat_s + loop_period_s) * 1e9))
-        ids = (arbitration_id(self._wheel.node_id, command) for command in _COMMANDS)
-        self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, ids))
+        self._commands = {FrameKey(arbitration_id(self._wheel.node_id, command)): command for command in _COMMANDS}
+        self.listens_to: Collection[FrameKey] = frozenset(self._commands)
         self.refused: Counter[Refusal] = Counter()
         self.error = 0
         self.state = int(AxisState.UNDEFINED)
@@ -208,10 +207,11 @@ class AxisListener:
 
     def take_frame(self, frame: Frame) -> bool:
         """Take one of the axis' frames; False where it was refused, which is counted."""
-        if (frame.arbitration_id, frame.is_extended) not in self.listens_to:
+        command = self._commands.get((frame.arbitration_id, frame.is_extended))  # type: ignore[call-overload]  # as equal
+        if command is None:
             return False
-        firmware = self._meaning(frame.arbitration_id % COMMANDS)
-        if firmware is None or frame.arbitration_id % COMMANDS not in LAYOUTS[firmware]:
+        firmware = self._meaning(command)
+        if firmware is None or command not in LAYOUTS[firmware]:
             return False  # what it means is not known yet, or nothing that is used here
         try:
             message = decode(firmware, frame.arbitration_id, frame.data)
