@@ -13,8 +13,9 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.config import RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.guarded_model import GuardedModel
+from segway_ecc.node.cycle.mixing import wired_signal
 from segway_ecc.node.cycle.setpoints import REST
-from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS, SET, SETPOINT_SIGNALS, TOPIC
+from segway_ecc.node.cycle.signals import ODOMETRY_SIGNALS, SET, SETPOINT_SIGNALS, TOPIC
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.robot import Robot, build_robot
@@ -45,7 +46,6 @@ _OF_DRIVES: Final = (
     "wheel_velocity_limit",
     "frozen_after_s",
     "velocity_consistency",
-    "following_error",
     "supply",
     "late_cycles_limit",
     "max_command",
@@ -53,6 +53,9 @@ _OF_DRIVES: Final = (
     "output_limits",
     "oscillation",
 )
+_OF_WHAT_DRIVES: Final = "following_error"
+"""Of a robot that follows velocities; one that goes to angles has limits of its joints."""
+_OF_JOINTS: Final = "joint_limits"
 _OF_AN_IMU: Final = ("tilt_limit_rad", "tilt_rate_limit", "yaw_consistency", "checklist")
 _OF_WHAT_STANDS: Final = ("runaway", "gravity", "posture")
 _STAND: Final = "stand"
@@ -182,7 +185,7 @@ def _lengths(robot: Robot) -> Iterator[Finding]:
                     f"{_CHECKS}, {key}.{name}",
                     f"{value:g} m, the model has {of_model:g} m",
                     "the check trips without a fault, or sees none",
-                    f"write the same length into safety.{key}.{name} and model.parameters",
+                    f"write the same length into geometry.{name}, for all checks, and model.parameters",
                 )
 
 
@@ -234,7 +237,7 @@ def _wiring(robot: Robot) -> Iterator[Finding]:
     of_hardware = {**hardware.signals, **hardware.commands}
     units = {**_UNITS, **of_hardware}
     ports = {v.name: v for v in (*model.parameters, *model.states, *model.inputs, *model.outputs)}
-    for port, signal in robot.file.wiring.items():
+    for port, signal in _signals(robot.file).items():
         title, remedy = f"{_WIRING}, {port}", f"correct wiring.{port}"
         designed = design.get(port)
         if designed is None:
@@ -248,9 +251,14 @@ def _designed_wiring(robot: Robot) -> Mapping[str, set[str]]:
     """What the packaged robots of the same model wire each port to."""
     design: dict[str, set[str]] = {}
     for file in _packaged(robot.file.model.source):
-        for port, signal in file.wiring.items():
+        for port, signal in _signals(file).items():
             design.setdefault(port, set()).add(signal)
     return design
+
+
+def _signals(file: RobotFile) -> dict[str, str]:
+    """The signal that each port is wired to."""
+    return {port: wired_signal(entry).signal for port, entry in file.wiring.items()}
 
 
 def _by_name(title: str, port: Variable, signal: str, unit: str | None, remedy: str) -> Iterator[Finding]:
@@ -288,11 +296,18 @@ def _checks(robot: Robot) -> Iterator[Finding]:
         effect = "only a lost sensor or drive ends control: a robot that tips over, runs away or stalls drives on"
         yield warning(_CHECKS, "there is no section safety", effect, remedy)
         return
-    wanted = [*_OF_DRIVES, *(_OF_AN_IMU if "imu.angular_velocity_x" in signals else ())]
+    drives = any(signal in SETPOINT_SIGNALS for signal in _signals(robot.file).values())
+    wanted = [
+        *_OF_DRIVES,
+        _OF_WHAT_DRIVES if drives else _OF_JOINTS,
+        *(_OF_AN_IMU if "imu.angular_velocity_x" in signals else ()),
+    ]
     if _STAND in robot.wiring.set_names:
         wanted += _OF_WHAT_STANDS
     lacking = [name for name in wanted if getattr(safety, name) is None]
     if "supply.voltage" not in signals and "supply" in lacking:
         lacking.remove("supply")
+    if len(set(robot.hardware.limits)) > 1 and "max_command" in lacking:  # which is one for all
+        lacking.remove("max_command")
     if lacking:
         yield warning(_CHECKS, f"there is no {', '.join(lacking)}", "what they would notice drives on", remedy)

@@ -162,7 +162,7 @@ class SimulatedSite:
             parameters["InitialPitch"] = parameters.get("StopAngle", simulated_plant(self.file).read("StopAngle"))
         section = msgspec.structs.replace(self._section, plant=plant, parameters=parameters)
         file = msgspec.structs.replace(self.file, simulation=section, arming="on_request")
-        rig = LockstepRig(hardware_of(file).can.bitrate)
+        rig = LockstepRig.of(hardware_of(file).can)
         end = rig.bus.attach("plant")
         simulated = simulated_robot(file, end)
         if self._error is not None:
