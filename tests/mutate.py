@@ -47,6 +47,7 @@ TESTED_BY: Final = {
     "node/safety/plausibility": ["plausibility", "plausibility_following"],
     "firmware_io/drives/stopper": ["firmware_io/guard/stoppers", "firmware_io/guard/watch"],
     "firmware_io/drives/cia402/stopper": ["firmware_io/guard/stoppers"],
+    "firmware_io/drives/moteus/stopper": ["firmware_io/guard/moteus_stopper"],
     "firmware_io/drives/odrive/stopper": ["firmware_io/guard/stoppers"],
     "firmware_io/drives/vesc/stopper": ["firmware_io/guard/stoppers"],
     "firmware_io/drives/wheel_board/stopper": ["firmware_io/guard/stoppers", "firmware_io/guard/session_board"],
