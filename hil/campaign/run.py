@@ -120,7 +120,7 @@ def _result_of(run: ScenarioRun, bench: "_ScenarioBench") -> ScenarioResult:
     scenario = run.scenario
     fault_ns = bench.injections.first_ns or 0
     changes = bench.node.changes[1:]  # the first is to be armed
-    after = [change for change in changes if change.at_ns >= fault_ns] if scenario.faults else []
+    after = [change for change in changes if change.at_ns >= fault_ns]
     reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
     reasons += [*bench.commander.refusals, bench.error or bench.arming_refusal or ""]
     drive = bench.drive
@@ -226,7 +226,7 @@ class _ScenarioBench:
         self.arming_refusal: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
-        self.rig = rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = rig = LockstepRig.of(hardware_of(file).can)
         self.injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
         self._clock = clock = DisturbedClock(rig, injections)
         clock.on_kill = self._kill
