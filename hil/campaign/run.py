@@ -47,7 +47,7 @@ from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
 REPLAY: Final = "replay: "
 """How the reason begins where a replay was not identical."""
-_AT_ONCE: Final = 16
+_AT_ONCE: Final = 32
 """Runs of one trunk, at most: what that costs is little beside them, and the cores end at about the same time."""
 _ARMED_WITHIN_S: Final = 5.0
 _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "faults", Mode.DISARMED: "disarmed"}
