@@ -78,11 +78,13 @@ class SimulationSection(Section, frozen=True, kw_only=True):
     """What stands at the other end of the bus in simulation.
 
     The plant is what `load_model` takes; its inputs and outputs have the names of the drive's commands and signals.
-    Its `parameters`, by name in its own units, are those other than its defaults.
+    Its `parameters`, by name in its own units, are those other than its defaults. `drives` is which of its family's
+    releases or kinds the simulated drives are, such as 0.5.4; None for the family's own choice.
     """
 
     plant: str
     parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    drives: str | None = None
 
 
 class RosSection(Section, frozen=True, kw_only=True):
