@@ -169,14 +169,14 @@ class LockstepCanSeat:
             SequenceError, RobotLostError: The robot refused it, or did not play it to its end.
         """
         file = load_robot(self._robot)
-        bitrate = hardware_of(file).can.bitrate
-        rig = LockstepRig(bitrate)
+        can = hardware_of(file).can
+        rig = LockstepRig.of(can)
         robot_link: Link
         plant_link: Link
         if self._channels is None:
             robot_link, plant_link = rig.bus.attach("node"), rig.bus.attach("plant")
         else:
-            robot_link, plant_link = kernel_ends(rig, self._channels, bitrate)
+            robot_link, plant_link = kernel_ends(rig, self._channels, can)
         plant = simulated_robot(file, plant_link)
         truth = _truth_in(plant.output_names)
         points: list[Odometry] = []

@@ -4,7 +4,7 @@
 What a driver reads back it compares with the robot file by itself, and refuses to arm. What no line allows to read is
 looked up in the vendor's tool. Sources of the names: `Firmware/odrive-interface.yaml` and CHANGELOG.md of
 github.com/odriverobotics/ODrive for odrivetool with 0.5, a list of endpoints of 0.6 for 0.6, the parameter names of
-VESC Tool (`l_current_max`, `l_current_min`, `l_max_erpm`) and CiA 402-2.
+VESC Tool (`l_current_max`, `l_current_min`, `l_max_erpm`), of moteus' console and of CiA 402-2.
 """
 
 import math
@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.family import family_of
+from segway_ecc.firmware_io.drives.moteus.settings import MoteusSettings
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 from segway_ecc.firmware_io.drives.odrive.setting_names import PATHS, OwnSetting
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
@@ -20,8 +21,6 @@ from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.settings import BusSettings
-
-_SIDES: Final = ("left", "right")
 
 
 class DriveLimits(NamedTuple):
@@ -65,8 +64,7 @@ def _of_odrive(settings: BusSettings, measured: Mapping[str, float], fastest_rad
     assert isinstance(settings, OdriveSettings)  # noqa: S101 - chosen by its type
     lines = []
     firmwares = list(Firmware) if settings.firmware == "auto" else [Firmware(settings.firmware)]
-    for side in _SIDES:
-        wheel = settings.wheel(side)
+    for side, wheel in settings.axes.items():
         read = {setting for setting in OwnSetting if any(name.startswith(f"{side}_{setting}") for name in measured)}
         lines += [
             f"{side}, firmware {firmware}: odrv0.{path.format(wheel.axis if firmware is Firmware.V0_5 else 0)} ({want})"
@@ -96,7 +94,7 @@ def _odrive_wants(wheel: OdriveWheelSettings, fastest_rad_s: float) -> list[tupl
 def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, VescSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         who = f"{side} (id {wheel.controller_id})"
         if f"{side}_most_current_a" not in measured:
             lines.append(
@@ -111,7 +109,7 @@ def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s
 def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, Cia402Settings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         rated = measured.get(f"{side}_rated_torque_n_m", math.nan)
         share = 1e3 * abs(wheel.motor_torque(wheel.max_torque)) / rated if rated else math.nan
         rpm, who = 60.0 * _turns(wheel.motor(fastest_rad_s)), f"{side} (node {wheel.node_id})"
@@ -120,6 +118,19 @@ def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad
         lines.append(f"{who}: object 0x6073:00, max current, per mille of 0x6075 (what the motor bears)")
         if not measured.get(f"{side}_max_speed_rpm", 0.0) >= rpm:
             lines.append(f"{who}: object 0x6080:00, max motor speed (at least {rpm:.0f} rpm)")
+    return lines
+
+
+def _of_moteus(settings: BusSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+    assert isinstance(settings, MoteusSettings)  # noqa: S101 - chosen by its type
+    lines = []
+    for name, axis in settings.axes.items():
+        torque, turns_s = abs(axis.motor_torque(axis.max_torque)), _turns(axis.motor(fastest_rad_s))
+        who = f"{name} (id {axis.servo_id})"
+        lines += [
+            f"{who}: conf get servo.max_current_A (at least {torque:.4g} N m / torque constant, 8.27 / motor.Kv)",
+            f"{who}: conf get servo.max_velocity (at least {turns_s:.4g} turns/s)",
+        ]
     return lines
 
 
@@ -133,5 +144,6 @@ _LOOKUPS: Final[dict[type, Callable[[BusSettings, Mapping[str, float], float], l
     OdriveSettings: _of_odrive,
     VescSettings: _of_vesc,
     Cia402Settings: _of_cia402,
+    MoteusSettings: _of_moteus,
 }
 """By family: the lines of what is not read back."""

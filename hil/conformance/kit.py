@@ -13,7 +13,7 @@ from typing import Any, Final
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.drives.family import DriveFamily
 from segway_ecc.firmware_io.drives.stopper import Meaning
-from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.link import FD_LENGTHS, Frame
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.conformance.rig import PERIOD_S, DriveRig, NonconformanceError
 from segway_ecc.hil.devices.family import SimulatedDrives
@@ -34,6 +34,8 @@ _MOVES_ON: Final = 0.1
 _GARBAGE: Final = 500
 _REMOTE: Final = 0.1
 """Of them so many ask for a frame."""
+_FD: Final = 0.7
+"""On a bus of CAN FD so many of the others are of it."""
 _NOTHING: Final = 1e-3
 """Of the largest command: a motor that gives less gives nothing."""
 
@@ -171,7 +173,11 @@ def _garbage(trial: _Trial) -> None:
     for _ in range(_GARBAGE):
         identifier, is_extended = chance.choice(keys)
         data = chance.randbytes(chance.randrange(9))
-        stranger.send(Frame(identifier, data, is_extended=is_extended, is_remote=chance.random() < _REMOTE))
+        frame = Frame(identifier, data, is_extended=is_extended, is_remote=chance.random() < _REMOTE)
+        if trial.settings.can.fd and not frame.is_remote and chance.random() < _FD:
+            data = chance.randbytes(chance.choice(FD_LENGTHS))
+            frame = Frame(identifier, data, is_extended=is_extended, is_fd=True)
+        stranger.send(frame)
         rig.cycle()
         _require(
             all(map(math.isfinite, rig.sensors.values)), f"a frame {identifier:X}#{data.hex()} makes a value infinite"

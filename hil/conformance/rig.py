@@ -81,7 +81,7 @@ class DriveRig:
 
     def __init__(self, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: BusSettings) -> None:
         """Join them, and open the bus."""
-        self.rig = LockstepRig(settings.can.bitrate)
+        self.rig = LockstepRig.of(settings.can)
         self.link = FaultyLink(self.rig.bus.attach("node"))
         self.drives = family.drives(settings, self.link, PERIOD_S, self.rig)
         self.hardware = Assembly(self.link, self.drives, (), self.rig.now_ns)

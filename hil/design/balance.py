@@ -179,7 +179,7 @@ class Balance:
             seed: Of the sensors' errors.
             plant: Other parameters and states of the plant.
         """
-        rig = LockstepRig(hardware_of(file).can.bitrate)
+        rig = LockstepRig.of(hardware_of(file).can)
         self._end = rig.bus.attach("plant")
         simulated = simulated_robot(file, self._end)
         self.plant = simulated.plant

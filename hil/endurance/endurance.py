@@ -164,14 +164,14 @@ def drive(  # noqa: PLR0913 - what there is to choose
     Raises:
         ConfigurationError: The robot cannot be simulated.
     """
-    bitrate = hardware_of(file).can.bitrate
-    rig = LockstepRig(bitrate)
+    can = hardware_of(file).can
+    rig = LockstepRig.of(can)
     node_end: Link
     plant_end: Link
     if channel is None:
         node_end, plant_end = rig.bus.attach("node"), rig.bus.attach("plant")
     else:
-        node_end, plant_end = kernel_ends(rig, (channel, channel), bitrate)
+        node_end, plant_end = kernel_ends(rig, (channel, channel), can)
     lossy = [Fault(target="can", type="intermittent", at_s=0.0, amount=frame_loss)] if frame_loss else []
     injections = Injections((*lossy, *faults), seed, rig.now_ns)
     bus, simulated = CountedBus(node_end, injections, rig.now_ns), simulated_robot(file, plant_end)

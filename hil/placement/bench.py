@@ -241,7 +241,7 @@ class _LockstepPlacement:
     def __init__(self, job: PlacementRun) -> None:
         self._job = job
         file = load_robot(job.robot)
-        self._rig = rig = LockstepRig(hardware_of(file).can.bitrate)
+        self._rig = rig = LockstepRig.of(hardware_of(file).can)
         self._injections = Injections((), 0, rig.now_ns)
         self._end = rig.bus.attach("plant")
         self._simulated = simulated_robot(file, self._end)

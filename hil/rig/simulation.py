@@ -2,12 +2,13 @@
 """The simulation that a robot file describes, and the rigs that run it: in lock step, or in real time."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, Self
 
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.devices.device import Device
 from segway_ecc.hil.devices.family import SimulatedDrives, simulated_drives, simulated_imu
@@ -15,6 +16,7 @@ from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.wired_plant import WiredPlant
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
@@ -44,10 +46,12 @@ def simulated_plant(file: RobotFile) -> Model:
     Raises:
         NoSimulationError: It names none.
         ModelError: The plant cannot be loaded.
+        UnknownNameError: Its wiring names a port that it does not have.
     """
     if file.simulation is None:
         raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
-    return load_model(file.simulation.plant, file.simulation.parameters)
+    plant, wiring = load_model(file.simulation.plant, file.simulation.parameters), file.simulation.wiring
+    return WiredPlant(plant, wiring, file.plant_mixers) if wiring else plant
 
 
 def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> SimulatedRobot:
@@ -160,14 +164,19 @@ class LockstepRig:
     Its time stops wherever a source is to act.
     """
 
-    def __init__(self, bitrate: int) -> None:
-        """Make a rig with an empty bus at `bitrate` bit/s."""
-        self.bus = SimulatedBus(bitrate, self.now_ns)
+    def __init__(self, bitrate: int, fd_bitrate: int | None = None) -> None:
+        """Make a rig with an empty bus at `bitrate` bit/s, and with CAN FD where its data have a bit rate."""
+        self.bus = SimulatedBus(bitrate, self.now_ns, fd_bitrate)
         self._robot: SimulatedRobot | None = None
         self._observe: Observer | None = None
         self._sources: list[Source] = []
         self._now_ns = 0
         self._next_tick_ns = 0
+
+    @classmethod
+    def of(cls, can: CanSettings) -> Self:
+        """A rig with the bus that a robot file describes."""
+        return cls(can.bitrate, can.fd_bitrate)
 
     def attach(self, robot: SimulatedRobot, observe: Observer | None = None) -> None:
         """Let a simulated robot take part; `observe` is called after each of its ticks."""

@@ -124,10 +124,10 @@ class Cia402Wheel:
     """
 
     def __init__(
-        self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
+        self, name: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
     ) -> None:
         """Begin with a drive from which nothing has been received."""
-        self.side = side
+        self.name = name
         self.node_id = settings.node_id
         self.rated_torque: float | None = None
         self.max_torque: float | None = None
@@ -237,16 +237,16 @@ class Cia402Wheel:
     def fault(self) -> str | None:
         """What is wrong with a drive that is to be enabled, or is; None while all is well."""
         if self.has_restarted:
-            return f"the {self.side} drive has restarted"
+            return f"the {self.name} drive has restarted"
         if self.emergency is not None:
-            return f"the {self.side} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
+            return f"the {self.name} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
         if self.nmt is not NmtState.OPERATIONAL:
-            return f"the {self.side} drive has left the operational state: {self._nmt_name}"
+            return f"the {self.name} drive has left the operational state: {self._nmt_name}"
         return self._stale
 
     def arming_failures(self, where: str) -> list[str]:
         """What speaks against enabling it."""
-        drive = f"the {self.side} drive (node {self.node_id})"
+        drive = f"the {self.name} drive (node {self.node_id})"
         if self.trouble is not None:
             return [f"{drive} on {where} is not set up: {self.trouble}; fix that, then start the node again"]
         if self.restoring.failure is not None:
@@ -263,11 +263,11 @@ class Cia402Wheel:
         """What was read of its limits while it was set up."""
         if self.rated_torque is None:
             return []
-        own = [DriveReading(f"{self.side}_rated_torque_n_m", self.rated_torque, "N m")]
+        own = [DriveReading(f"{self.name}_rated_torque_n_m", self.rated_torque, "N m")]
         if self.max_torque is not None:
-            own.append(DriveReading(f"{self.side}_max_torque_n_m", self.max_torque, "N m"))
+            own.append(DriveReading(f"{self.name}_max_torque_n_m", self.max_torque, "N m"))
         if self.max_speed_rpm is not None:
-            own.append(DriveReading(f"{self.side}_max_speed_rpm", self.max_speed_rpm, "rpm"))
+            own.append(DriveReading(f"{self.name}_max_speed_rpm", self.max_speed_rpm, "rpm"))
         return own
 
     @property
@@ -291,7 +291,7 @@ class Cia402Wheel:
         for kind, name in ((Service.HEARTBEAT, "heartbeat"), (Service.TPDO1, "status"), (Service.TPDO2, "velocity")):
             age_s, valid = self._fresh.age(kind)
             if not valid:
-                return f"the {name} of the {self.side} drive is too old: {age_s * 1e3:.0f} ms"
+                return f"the {name} of the {self.name} drive is too old: {age_s * 1e3:.0f} ms"
         return None
 
     @property

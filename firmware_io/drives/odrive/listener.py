@@ -20,7 +20,6 @@ from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.causes import ErrorCauses
 from segway_ecc.firmware_io.drives.odrive.firmware_search import FirmwareSearch
 from segway_ecc.firmware_io.drives.odrive.frames import (
-    COMMANDS,
     ESTIMATES,
     HEARTBEAT,
     LAYOUTS,
@@ -166,7 +165,7 @@ class AxisListener:
     """Keeps the newest telemetry of one axis.
 
     Attributes:
-        signals: What it measures, with units; the left axis measures the supply too.
+        signals: What it measures, with units; the first axis measures the supply too.
         error: Error bits of the newest heartbeat, which carries the state too, see `AxisState`.
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
@@ -179,15 +178,16 @@ class AxisListener:
 
     def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Listen to the axis of the wheel called `name`."""
-        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
+        is_first = name == next(iter(settings.axes))
+        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if is_first else {})
         self._wheel_signals = (f"{name}.angle", f"{name}.velocity")
-        self._wheel = settings.wheel(name)
+        self._wheel = settings.axes[name]
         self.search = FirmwareSearch(settings.firmware, needs_release=settings.endpoints is not None)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # A cycle more, since what comes over a serial line is read up to one cycle late.
         self.proof = WatchdogProof(round((settings.watchdog_s + beat_s + loop_period_s) * 1e9))
-        ids = (arbitration_id(self._wheel.node_id, command) for command in _COMMANDS)
-        self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, ids))
+        self._commands = {FrameKey(arbitration_id(self._wheel.node_id, command)): command for command in _COMMANDS}
+        self.listens_to: Collection[FrameKey] = frozenset(self._commands)
         self.refused: Counter[Refusal] = Counter()
         self.error = 0
         self.state = int(AxisState.UNDEFINED)
@@ -213,9 +213,9 @@ class AxisListener:
 
     def take_frame(self, frame: Frame) -> bool:
         """Take one of the axis' frames; False where it was refused, which is counted."""
-        if (frame.arbitration_id, frame.is_extended) not in self.listens_to:
+        command = self._commands.get((frame.arbitration_id, frame.is_extended))  # type: ignore[call-overload]  # as equal
+        if command is None:
             return False
-        command = frame.arbitration_id % COMMANDS
         try:
             if command == TX_SDO:
                 return self._take_setting(frame.data)
@@ -230,7 +230,7 @@ class AxisListener:
         return True
 
     def read(self) -> Readings:
-        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the left axis the supply's voltage (V) too.
+        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the first axis the supply's voltage (V) too.
 
         The angle is the drive's own, which counts from power-on, or from where it stood when the drive was first seen
         to measure it (`WheelOrigin`). Its resolution is that of the wire's 32-bit float, 4e-4 rad at 1000 turns of the

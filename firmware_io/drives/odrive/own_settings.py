@@ -45,7 +45,7 @@ class OwnSettings:
         self.values: dict[OwnSetting, float] = {}
         self.unread: set[OwnSetting] = set()
         self._name = name
-        self._wheel = settings.wheel(name)
+        self._wheel = settings.axes[name]
         self._watchdog_s = settings.watchdog_s
 
     def take(self, setting: OwnSetting, value: float) -> None:

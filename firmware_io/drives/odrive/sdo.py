@@ -218,5 +218,5 @@ class SdoReading:
 def settings_reading(name: str, settings: OdriveSettings, own: OwnSettings) -> SettingsReading | None:
     """How the settings of the axis of a wheel are read; None where no line allows that."""
     if settings.endpoints is not None:
-        return SdoReading(settings.wheel(name).node_id, settings.endpoints, own)
+        return SdoReading(settings.axes[name].node_id, settings.endpoints, own)
     return None if settings.serial is None else SerialReading(own)

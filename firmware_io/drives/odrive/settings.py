@@ -8,7 +8,7 @@ import msgspec
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 from segway_ecc.firmware_io.drives.odrive.setting_names import PATHS
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
+from segway_ecc.firmware_io.settings import Axes, BusSettings, WheelSettings, check_axes, check_unique
 from segway_ecc.firmware_io.value import Positive, Section
 
 NodeId = Annotated[int, msgspec.Meta(ge=0, le=62)]
@@ -23,7 +23,7 @@ Endpoint = Annotated[int, msgspec.Meta(ge=1, le=0xFFFF)]
 
 
 class OdriveWheelSettings(WheelSettings, frozen=True, kw_only=True):
-    """A wheel on an axis of an ODrive.
+    """A wheel, or another axis of the robot, on an axis of an ODrive.
 
     Attributes:
         node_id: `axis.config.can.node_id`.
@@ -62,21 +62,20 @@ class OdriveEndpoints(Section, frozen=True, kw_only=True):
 
 
 class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
-    """ODrives, one axis a wheel. The drives must have been configured to match.
+    """ODrives, one of their axes for each of the robot's. The drives must have been configured to match.
 
     Attributes:
         firmware: What runs on the drives, or `auto`: asked for.
         heartbeat_period_s: Period of the heartbeat, s, shorter than the watchdog's time-out.
         encoder_period_s: Period of the encoder estimates, s.
         torque_period_s: Period of the motor currents (0.5) or torques (0.6), s, where the drive sends them.
-        serial: A serial line to the board that has both axes, to fall back on; firmware 0.5. Over it the settings of
-            the axes are read before arming.
+        serial: A serial line to the board that has both axes of a robot with two, to fall back on; firmware 0.5. Over
+            it the settings of the axes are read before arming.
         endpoints: Where the settings of 0.6 stand, so that they are read before arming.
     """
 
     firmware: Literal["0.5", "0.6", "auto"] = "auto"
-    left: OdriveWheelSettings
-    right: OdriveWheelSettings
+    axes: Axes[OdriveWheelSettings]
     heartbeat_period_s: Period = 0.02
     encoder_period_s: Period = 0.005
     torque_period_s: Period = 0.01
@@ -85,8 +84,8 @@ class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
 
     def __post_init__(self) -> None:
         """Refuse a node or axis used twice, and a heartbeat or serial line too slow or not of 0.5; ValueError."""
-        if self.left.node_id == self.right.node_id:
-            raise ValueError(f"left and right have the same node_id, {self.left.node_id}; each axis needs its own")
+        check_axes(self.axes)
+        check_unique("node_id", {name: wheel.node_id for name, wheel in self.axes.items()})
         if self.heartbeat_period_s >= self.watchdog_s:
             raise ValueError("heartbeat_period_s must be shorter than watchdog_s, so that the watchdog can be seen")
         if self.endpoints is not None and self.firmware != "0.6":
@@ -97,9 +96,5 @@ class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
             raise ValueError("serial is the line of firmware 0.5; 0.6 is reached over CAN only")
         if self.serial.baudrate < _LEAST_BAUDRATE:
             raise ValueError(f"serial.baudrate must be {_LEAST_BAUDRATE} or more: set config.uart_a_baudrate to it")
-        if self.left.axis == self.right.axis:
-            raise ValueError("serial reaches both axes of one board: set axis to 0 for one wheel and 1 for the other")
-
-    def wheel(self, name: str) -> OdriveWheelSettings:
-        """The wheel that is called `left` or `right`."""
-        return {"left": self.left, "right": self.right}[name]
+        if sorted(wheel.axis for wheel in self.axes.values()) != [0, 1]:
+            raise ValueError("serial reaches both axes of one board: there must be two, one with axis: 0, one with 1")

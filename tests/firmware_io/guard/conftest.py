@@ -76,7 +76,7 @@ class Guarded:
         file = load_robot(robot)
         assert not isinstance(file.hardware, NoHardwareSection)
         self.settings: BusSettings = file.hardware
-        self.rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = LockstepRig.of(hardware_of(file).can)
         self.plant: SimulatedRobot = simulated_robot(file, self.rig.bus.attach("plant"))
         node = self.rig.bus.attach("node")
         self.bus = FaultyLink(node if wrap is None else wrap(node))

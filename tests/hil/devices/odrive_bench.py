@@ -47,7 +47,7 @@ class Bench:
     def __init__(self, firmware: str = "0.5", release: Release | None = None, **changes: Any) -> None:
         wheel = {"node_id": 0, "axis": 0, "max_torque": 4.0, "torque_constant": 0.5}
         right = {**wheel, "node_id": 1, "axis": 1, "direction": -1, "gear_ratio": 2.0}
-        described = {"type": "odrive", "firmware": firmware, "left": wheel, "right": right, **changes}
+        described = {"type": "odrive", "firmware": firmware, "axes": {"left": wheel, "right": right}, **changes}
         self.link, self.port = RecordingLink(), MemoryPort()
         settings = msgspec.convert(described, OdriveSettings)
         self.device = SimulatedOdrive(self.link, settings, self.port, release)

@@ -17,7 +17,9 @@ from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
 from segway_ecc.firmware_io.links.link import Frame
 
 DRIVE = Cia402WheelSettings(node_id=5, counts_per_turn=4096, max_torque=3.0)
-SETTINGS = Cia402Settings(left=DRIVE, right=Cia402WheelSettings(node_id=6, counts_per_turn=4096, max_torque=3.0))
+SETTINGS = Cia402Settings(
+    axes={"left": DRIVE, "right": Cia402WheelSettings(node_id=6, counts_per_turn=4096, max_torque=3.0)}
+)
 PLAN = (SETTINGS, DRIVE, 2_000)
 MS = 1_000_000
 
@@ -47,7 +49,7 @@ def test_identity_is_read_as_far_as_there_is_one(memory: Any, network: LinkNetwo
     memory.add(5)
     assert set_up(network, *PLAN).identity == Identity(0x2E8, 0x10, None, None)
     memory.add(6, without=frozenset({0x1018}))
-    assert set_up(network, SETTINGS, SETTINGS.right, 2_000).identity == Identity(None, None, None, None)
+    assert set_up(network, SETTINGS, SETTINGS.axes["right"], 2_000).identity == Identity(None, None, None, None)
 
 
 def test_frames_of_a_stranger_among_the_answers_are_discarded_and_counted(

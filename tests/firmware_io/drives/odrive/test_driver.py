@@ -35,7 +35,7 @@ class Bench:
         self.now_ns = 1_000 * MS
         self.link = RecordingLink()
         self.drive = Odrive(self.link, name, settings, 0.01, lambda: self.now_ns)
-        self.node = settings.wheel(name).node_id
+        self.node = settings.axes[name].node_id
 
     def hear(self, command: int, data: bytes) -> bool:
         return self.drive.take_frame(Frame(self.node * 32 + command, data, self.now_ns))
@@ -508,7 +508,7 @@ def test_torque_comes_from_0_6_itself_and_is_missing_without_a_constant(configur
     assert new.drive.read().values[2] == 0.75
 
     wheel = {"node_id": 0, "max_torque": 1.0}
-    without = Bench(configure(left=wheel))
+    without = Bench(configure(axes={"left": wheel}))
     without.hear(0x14, struct.pack("<ff", 9.0, 4.0))
     assert without.drive.read().valid[2] is False
 

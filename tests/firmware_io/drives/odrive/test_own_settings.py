@@ -28,7 +28,7 @@ FIT = {
 
 
 def own(configure: Configure, **values: float) -> OwnSettings:
-    settings = OwnSettings("left", configure(left=WHEEL))
+    settings = OwnSettings("left", configure(axes={"left": WHEEL, "right": {**WHEEL, "node_id": 1}}))
     for setting, value in (FIT | {OwnSetting[name]: value for name, value in values.items()}).items():
         settings.take(setting, value)
     return settings
@@ -46,7 +46,7 @@ def test_settings_that_fit_refuse_nothing_and_are_reported(configure: Configure)
 
 
 def test_settings_that_are_not_known_refuse_nothing(configure: Configure) -> None:
-    settings = OwnSettings("left", configure(left=WHEEL))
+    settings = OwnSettings("left", configure(axes={"left": WHEEL, "right": {**WHEEL, "node_id": 1}}))
     assert settings.arming_failures(Firmware.V0_5, "left") == []
     assert settings.readings == []
     assert not settings.knows([S.WATCHDOG])
@@ -109,7 +109,7 @@ def test_a_limit_of_speed_counts_while_one_of_the_two_looks_at_it(configure: Con
 
 def test_what_the_robot_file_does_not_state_is_not_compared(configure: Configure) -> None:
     wheel = {"node_id": 0, "max_torque": 3.0}
-    settings = OwnSettings("left", configure(left=wheel, right={**wheel, "node_id": 1}))
+    settings = OwnSettings("left", configure(axes={"left": wheel, "right": {**wheel, "node_id": 1}}))
     for setting, value in ((S.VELOCITY_LIMIT, 0.1), (S.CURRENT_LIMIT, 0.1)):
         settings.take(setting, value)
     assert settings.arming_failures(Firmware.V0_5, "left") == []
