@@ -92,10 +92,13 @@ class SimulationSection(Section, frozen=True, kw_only=True):
         plant: What `load_model` takes.
         parameters: Those other than its defaults, by name in its own units.
         wiring: For each of its ports that has another name than what the drives give it, or measure of it, that signal.
+        drives: Which of their family's releases or kinds the simulated drives are, such as 0.5.4; None for the family's
+            own choice.
     """
 
     plant: str
     parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    drives: str | None = None
     wiring: Mapping[str, str | WiredSignal] = msgspec.field(default_factory=dict)
 
 

@@ -150,8 +150,9 @@ def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
         "a longer hardware.watchdog_s in the robot file (VESC: timeout_set_s, and VESC Tool), or a faster model",
         fits=fits,
     )
-    if family.to_check is not None:
-        yield warning(*family.to_check(workload.hardware))
+    to_check = None if family.to_check is None else family.to_check(workload.hardware)
+    if to_check is not None:
+        yield warning(*to_check)
 
 
 def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:

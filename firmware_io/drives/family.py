@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.devices import Drive
 from segway_ecc.firmware_io.drives.stopper import Stopper
-from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.plugins import DRIVES, load_plugin
 from segway_ecc.firmware_io.settings import BusSettings
@@ -48,7 +47,8 @@ class DriveFamily(Generic[Settings]):
         drives: (settings, link, loop period in s, clock) -> its drivers.
         stopper: (settings) -> how the guard reads and stops them.
         watchdog: (settings) -> what the doctor reports of their own watchdogs.
-        to_check: (settings) -> which of their settings a person has to check; None where there are none.
+        to_check: (settings) -> which of their settings a person has to check; None where all are read back, or where
+            there are none.
         serial_codec: (settings) -> what it speaks on a serial line, the field `serial` of its settings; None where it
             has no such line.
         wire_description: A file that describes its frames, put into every log; None where there is none.
@@ -58,7 +58,7 @@ class DriveFamily(Generic[Settings]):
     drives: Callable[[Settings, Link, float, Clock], Sequence[Drive]]
     stopper: Callable[[Settings], Stopper]
     watchdog: Callable[[Settings], DriveWatchdog]
-    to_check: Callable[[Settings], SettingsToCheck] | None = None
+    to_check: Callable[[Settings], SettingsToCheck | None] | None = None
     serial_codec: "Callable[[Settings], SerialCodec] | None" = None
     wire_description: Path | None = None
 
@@ -67,14 +67,9 @@ def drive_family(name: object) -> DriveFamily[Any]:
     """The installed drive family of a name.
 
     Raises:
-        PluginError: There is none, or it cannot be imported.
+        PluginError: There is none, or it cannot be imported; see `load_plugin`.
     """
-    family = load_plugin(DRIVES, name, "drive family")
-    if not isinstance(family, DriveFamily) or family.settings.__struct_config__.tag != name:
-        raise PluginError(
-            f"drive family '{name}' is none: its entry point must name a DriveFamily, with that tag on its settings"
-        )
-    return family
+    return load_plugin(DRIVES, name, "drive family", DriveFamily)
 
 
 def family_of(settings: BusSettings) -> DriveFamily[Any]:

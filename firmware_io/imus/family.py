@@ -7,7 +7,6 @@ from typing import Any, Final, Generic, TypeVar
 
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.devices import Sensor
-from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.settings import ImuSettings
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.plugins import IMUS, load_plugin
@@ -35,14 +34,9 @@ def imu_family(name: object) -> ImuFamily[Any]:
     """The installed IMU of a name.
 
     Raises:
-        PluginError: There is none, or it cannot be imported.
+        PluginError: There is none, or it cannot be imported; see `load_plugin`.
     """
-    family = load_plugin(IMUS, name, "IMU")
-    if not isinstance(family, ImuFamily) or family.settings.__struct_config__.tag != name:
-        raise PluginError(
-            f"IMU '{name}' is none: its entry point must name an ImuFamily, with that tag on its settings"
-        )
-    return family
+    return load_plugin(IMUS, name, "IMU", ImuFamily)
 
 
 def imu_of(settings: ImuSettings) -> ImuFamily[Any]:

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: MIT
 """The simulated device of a drive family or of an IMU: what rigs must know of it, found by entry point as theirs is."""
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final, Generic, TypeVar
 
 from segway_ecc.firmware_io.devices import FrameKey
-from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.settings import ImuSettings
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
@@ -31,6 +30,7 @@ class SimulatedDrives(Generic[Settings, Made]):
         tick_ns: The period of the firmware's loop, ns.
         device: (settings, bus, the device's end of a serial line or None) -> the drives, configured as the settings
             have it.
+        variants: The same by the name of a release or kind of drive, as `simulation.drives` of a robot file has it.
         press_stop: (drives, whether it is pressed) -> what the emergency stop does to them; None where nothing.
         lose_watchdog: (drives) -> has them go on without commands, as if misconfigured; None where that is not
             simulated.
@@ -38,6 +38,7 @@ class SimulatedDrives(Generic[Settings, Made]):
 
     tick_ns: int
     device: Callable[[Settings, Link, Port | None], Made]
+    variants: Mapping[str, Callable[[Settings, Link, Port | None], Made]] = field(default_factory=dict)
     press_stop: Callable[[Made, bool], None] | None = None
     lose_watchdog: Callable[[Made], None] | None = None
 
@@ -61,7 +62,7 @@ def simulated_drives(settings: BusSettings) -> SimulatedDrives[Any, Any]:
     Raises:
         PluginError: They are not installed, or cannot be imported.
     """
-    return _simulated(SimulatedDrives, SIMULATED_DRIVES, settings.__struct_config__.tag, "simulated drive family")
+    return load_plugin(SIMULATED_DRIVES, settings.__struct_config__.tag, "simulated drive family", SimulatedDrives)
 
 
 def simulated_imu(settings: ImuSettings) -> SimulatedImu[Any]:
@@ -70,14 +71,4 @@ def simulated_imu(settings: ImuSettings) -> SimulatedImu[Any]:
     Raises:
         PluginError: It is not installed, or cannot be imported.
     """
-    return _simulated(SimulatedImu, SIMULATED_IMUS, settings.__struct_config__.tag, "simulated IMU")
-
-
-_Record = TypeVar("_Record")
-
-
-def _simulated(kind: type[_Record], group: str, name: object, what: str) -> _Record:
-    found = load_plugin(group, name, what)
-    if not isinstance(found, kind):
-        raise PluginError(f"{what} '{name}' is none: its entry point must name a {kind.__name__}")
-    return found
+    return load_plugin(SIMULATED_IMUS, settings.__struct_config__.tag, "simulated IMU", SimulatedImu)

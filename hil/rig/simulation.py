@@ -2,7 +2,7 @@
 """The simulation that a robot file describes, and the rigs that run it: in lock step, or in real time."""
 
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol, Self
+from typing import Any, Final, Protocol, Self
 
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.links.can_link import CanLink
@@ -11,7 +11,7 @@ from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.devices.device import Device
-from segway_ecc.hil.devices.family import simulated_drives, simulated_imu
+from segway_ecc.hil.devices.family import SimulatedDrives, simulated_drives, simulated_imu
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
@@ -58,7 +58,8 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
     """The devices that the robot file describes, with the plant that it names, at the other end of `link` and `port`.
 
     Raises:
-        NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
+        NoSimulationError: It names no plant, or drives that are not simulated, or has no hardware, or an IMU at a rate
+            that the rig has not.
         PlantMismatchError: The plant does not fit the drives.
         PluginError: Nothing simulates its drives, or its IMU.
     """
@@ -69,7 +70,7 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
         behind.receives_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
     drives, imu = simulated_drives(hardware), hardware.external_imu
     tick_ns = drives.tick_ns
-    devices: list[Device] = [drives.device(hardware, link, port)]
+    devices: list[Device] = [_maker(file, drives)(hardware, link, port)]
     if imu is not None and round(imu.period_s * 1e9) % tick_ns != 0:
         raise NoSimulationError(
             f"the simulated drives tick every {tick_ns * 1e-6:g} ms: make external_imu.period_s, {imu.period_s:g} s, "
@@ -78,6 +79,21 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
     if imu is not None:
         devices.append(simulated_imu(imu).device(imu, link))
     return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
+
+
+def _maker(file: RobotFile, drives: SimulatedDrives[Any, Any]) -> Callable[[BusSettings, Link, Port | None], Device]:
+    """What makes the drives of the release or kind that the robot file names.
+
+    Raises:
+        NoSimulationError: The family has none of that name.
+    """
+    name = None if file.simulation is None else file.simulation.drives
+    if name is None:
+        return drives.device
+    if name not in drives.variants:
+        known = ", ".join(drives.variants) or "none: leave it out"
+        raise NoSimulationError(f"robot '{file.name}': simulation.drives is {name!r:.80}, simulated are {known}")
+    return drives.variants[name]
 
 
 class RealTimePlant:

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: MIT
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
 import pytest
 
-from segway_ecc.deploy.doctor.check import Verdict
+from segway_ecc.deploy.doctor.check import Verdict, Workload
 from segway_ecc.deploy.doctor.hardware import check_drives
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveEndpoints
+from segway_ecc.firmware_io.links.settings import SerialSettings
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 
@@ -32,8 +38,31 @@ def test_watchdog_must_outlast_three_cycles(fake: FakeMachine, period_ns: int, v
 def test_settings_that_can_does_not_read_back_are_asked_of_the_person(fake: FakeMachine) -> None:
     _, found = check_drives(fake.machine, workload(fake.root, "cart-odrive"))
     assert found.verdict is Verdict.WARNING
-    assert found.found == "vel_limit, enable_overspeed_error and dc_max_negative_current are not read back over CAN"
+    assert found.found == "not read back: vel_limit, enable_overspeed_error, dc_max_negative_current"
     assert found.remedy is not None
     for command in ("axis0.controller.config.vel_limit", "axis1.controller.config.enable_overspeed_error"):
         assert f"odrv0.{command}" in found.remedy
     assert "odrv0.config.dc_max_negative_current" in found.remedy
+
+
+def with_hardware(root: Path, **changes: object) -> Workload:
+    """The cart on ODrives with other settings."""
+    found = workload(root, "cart-odrive")
+    assert found.robot is not None
+    hardware = msgspec.structs.replace(found.robot.hardware, **changes)
+    return replace(found, robot=msgspec.structs.replace(found.robot, hardware=hardware))
+
+
+def test_settings_that_a_line_reads_back_are_not_asked_of_the_person(fake: FakeMachine) -> None:
+    serial = with_hardware(fake.root, serial=SerialSettings(port="/dev/x", baudrate=921_600))
+    assert len(list(check_drives(fake.machine, serial))) == 1
+
+
+def test_of_endpoints_those_that_are_missing_are_asked_of_the_person(fake: FakeMachine) -> None:
+    ids = {"axis0.controller.config.vel_limit": 1, "axis0.controller.config.enable_overspeed_error": 2}
+    endpoints = OdriveEndpoints(firmware="0.6.10", hardware="4.4.58", ids=ids)
+    _, found = check_drives(fake.machine, with_hardware(fake.root, firmware="0.6", endpoints=endpoints))
+    assert found.found == "not read back: dc_max_negative_current"
+    ids["config.dc_max_negative_current"] = 3
+    whole = with_hardware(fake.root, firmware="0.6", endpoints=endpoints)
+    assert len(list(check_drives(fake.machine, whole))) == 1
