@@ -11,7 +11,7 @@ from segway_ecc.firmware_io.drives.family import drive_family, family_of
 from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family
 from segway_ecc.firmware_io.plugins import DRIVES, entry_points
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.documents import decode_data, read_yaml
 from segway_ecc.node.errors import ConfigurationError
@@ -121,7 +121,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     name: str
     model: ModelSection
     wiring: dict[str, str]
-    hardware: NoHardwareSection | BusSettings = NoHardwareSection()
+    hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
     commissioned: Literal["required", "optional"] = "optional"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"

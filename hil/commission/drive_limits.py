@@ -15,7 +15,7 @@ from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 
 _SIDES: Final = ("left", "right")
 _FIGURES: Final = {
@@ -42,7 +42,7 @@ class DriveLimits(NamedTuple):
     lookups: tuple[str, ...]
 
 
-def drive_limits(settings: BusSettings, health: Mapping[str, str], fastest_rad_s: float) -> DriveLimits:
+def drive_limits(settings: HardwareSettings, health: Mapping[str, str], fastest_rad_s: float) -> DriveLimits:
     """What was read back of the drives' own limits, and what is to be looked up.
 
     Args:
@@ -64,12 +64,12 @@ def _readings(health: Mapping[str, str]) -> dict[str, float]:
     return found
 
 
-def _of_board(_settings: BusSettings, measured: Mapping[str, float], _fastest: float) -> list[str]:
+def _of_board(_settings: HardwareSettings, measured: Mapping[str, float], _fastest: float) -> list[str]:
     """A wheel board has no settings but its watchdog, which it reports."""
     return [] if "watchdog_s" in measured else ["see the watchdog of the wheel board, which does not report it"]
 
 
-def _of_odrive(settings: BusSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_odrive(settings: HardwareSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, OdriveSettings)  # noqa: S101 - chosen by its type
     lines = []
     for side in _SIDES:
@@ -95,7 +95,7 @@ def _of_odrive(settings: BusSettings, _measured: Mapping[str, float], fastest_ra
     return lines
 
 
-def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_vesc(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, VescSettings)  # noqa: S101 - chosen by its type
     lines = []
     for side, wheel in (("left", settings.left), ("right", settings.right)):
@@ -110,7 +110,7 @@ def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s
     return lines
 
 
-def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_cia402(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, Cia402Settings)  # noqa: S101 - chosen by its type
     lines = []
     for side, wheel in (("left", settings.left), ("right", settings.right)):
@@ -130,7 +130,7 @@ def _turns(rad_s: float) -> float:
     return abs(rad_s) / (2.0 * math.pi)
 
 
-_LOOKUPS: Final[dict[type, Callable[[BusSettings, Mapping[str, float], float], list[str]]]] = {
+_LOOKUPS: Final[dict[type, Callable[[HardwareSettings, Mapping[str, float], float], list[str]]]] = {
     WheelBoardSettings: _of_board,
     OdriveSettings: _of_odrive,
     VescSettings: _of_vesc,
