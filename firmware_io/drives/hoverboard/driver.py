@@ -34,7 +34,7 @@ _PULL_PER_S: Final = (
     3.0  # how fast the sum of velocities, in whole turns a minute, is drawn to the angle that was counted
 )
 _SIDES: Final = ("left", "right")
-_ZERO: Final = (0.0, 0.0)
+_ZERO: Final[Sequence[float]] = (0.0, 0.0)
 _SETUP: Final = "is it switched on, wired to this port, and its firmware built as docs/drives/hoverboard.md has it?"
 
 
@@ -80,7 +80,7 @@ class Hoverboard(PhasedDrive):
         stale_ns = stale_after_ns(_PERIOD_S, loop_period_s)
         self._fresh = Freshness({FEEDBACK: stale_ns}, clock.now_ns, settings.ride_through_s)
         self._refused: Counter[str] = Counter()
-        self._newest = Feedback((0, 0), _ZERO, (), 0.0, 0.0)
+        self._newest = Feedback((0, 0), (0.0, 0.0), (), 0.0, 0.0)
         self._sent: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
         self._obeyed_ns: int | None = None
         self._zero_ns: int | None = None  # when the first zero since `enable` was sent
