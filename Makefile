@@ -1,4 +1,5 @@
 # make run     set up, run the case study in every seat, and write its report
+# make demo    set up, and show a simulated segway in the browser, to see, push and break; Ctrl-C ends it
 # make test    set up, lint, check types, run the tests
 # make test-real-time those that run robots in real time, one at a time; what they show is shown in simulated time by make test
 # make test-variants  what make test shows once, with every other model, compiler, fault and screen
@@ -21,10 +22,13 @@ VARIANTS := variant and not proof and not image
 # Where the environment forbids bytecode, each process that a test starts compiles all it imports, and each worker every test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run test test-real-time test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
+.PHONY: run demo test test-real-time test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
+
+demo: $(READY)
+	$(VENV)/bin/segway-ecc demo
 
 # Only these are collected where a marker is asked for: collecting all takes ten seconds of each worker.
 marked = $(shell grep -rl --include='test_*.py' 'mark\.$(1)\b' tests)

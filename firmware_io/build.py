@@ -31,7 +31,14 @@ _STALE_PERIODS: Final = 3
 
 def can_link(settings: CanSettings, clock: Clock) -> Link:
     """The link that a robot file describes."""
-    return make_can_link(settings.interface, settings.channel, settings.bitrate, clock.now_ns, clock.wall_ns)
+    return make_can_link(
+        settings.interface,
+        settings.channel,
+        settings.bitrate,
+        clock.now_ns,
+        clock.wall_ns,
+        fd_bitrate=settings.fd_bitrate,
+    )
 
 
 def make_link(

@@ -2,6 +2,7 @@
 """What a check looks at, a machine and the work it is to do, and what it finds."""
 
 import enum
+import errno
 import math
 import os
 import platform
@@ -24,11 +25,14 @@ from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.cycle.timing import Histogram, Summary
+from segway_ecc.node.watchdog.exits import ask_before_exit
 
 _MEASURED_NS: Final = 2_000_000_000
 _PROGRESS_EVERY_NS: Final = 200_000_000
 _PIECES: Final = 8
 _PIECE_BYTES: Final = 512 * 1024
+_ASKS: Final = 255
+"""The status of a process of which the kernel asks: no error's number, and with 0 it would wait for an answer."""
 _PATIENCE_S: Final = 60.0
 """For a program's answer: a small computer that is busy takes half a minute to load ROS."""
 UNNAMED_PERIOD_NS: Final = 5_000_000
@@ -108,6 +112,22 @@ class Probes:
     def can_socket(self) -> None:
         """Make a raw CAN socket and close it."""
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+
+    def ask_before_exit(self) -> None:
+        """Have the kernel ask before a process ends, one that ends at once."""
+        pid = os.fork()
+        if pid == 0:
+            status = errno.EIO
+            try:
+                ask_before_exit()
+                status = _ASKS
+            except OSError as error:
+                status = error.errno or status
+            finally:
+                os._exit(status)
+        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        if status != _ASKS:
+            raise OSError(status, os.strerror(status))
 
     def interface(self, name: str) -> InterfaceState:
         """Ask the kernel."""

@@ -9,7 +9,7 @@ from typing import Final
 from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, graded, warning
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.firmware_io.drives.family import family_of
-from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, socketcan_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, set_up_options, socketcan_interfaces
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.serial_link import open_remedy
 from segway_ecc.firmware_io.links.settings import CanSettings
@@ -55,21 +55,24 @@ def check_can(machine: System, workload: Workload) -> Iterator[Finding]:
         effect = _SIMULATED if is_local else "its bit rate, state and restart are not known here"
         yield warning("CAN interface", found, effect, "in the robot file: hardware.can.interface: socketcan")
     elif name in present:
-        yield from _interface(machine, name, can.bitrate)
+        yield from _interface(machine, name, can)
     else:
         there = f"there is {', '.join(present)}" if present else "this machine has no CAN interface"
-        command = f"connect the adapter, then: {set_up(name, can.bitrate)}"
+        command = f"connect the adapter, then: {set_up(name, can)}"
         remedy = f"{command}; or correct hardware.can.channel in the robot file"
         yield bad(f"CAN {name}", f"not there; {there}", "the drives are out of reach", remedy)
 
 
-def set_up(name: str, bitrate: int | None) -> str:
+def set_up(name: str, can: CanSettings | None) -> str:
     """The command that sets an interface up."""
-    settings = f"txqueuelen {_GOOD_QUEUE} type can bitrate {bitrate or 500_000} restart-ms {_RESTART_MS}"
+    can = can or CanSettings()
+    settings = (
+        f"txqueuelen {_GOOD_QUEUE} type can {set_up_options(can.bitrate, can.fd_bitrate)} restart-ms {_RESTART_MS}"
+    )
     return f"sudo ip link set {name} down; sudo ip link set {name} up {settings}"
 
 
-def _interface(machine: System, name: str, bitrate: int | None) -> Iterator[Finding]:
+def _interface(machine: System, name: str, can: CanSettings | None) -> Iterator[Finding]:
     # /sys lists every interface; the kernel may report nothing of its controller.
     flags = int(machine.read(f"{_NETWORK}/{name}/flags") or "0", 16)
     state = machine.probes.interface(name)
@@ -77,17 +80,17 @@ def _interface(machine: System, name: str, bitrate: int | None) -> Iterator[Find
     counters = "" if state.tec is None else f", error counters {state.tec} sent and {state.rec} received"
     wiring = f"see to cable, 120 ohm at both ends, bit rates and power of the drives; ip -details link show {name}"
     if not flags & _IS_UP:
-        yield bad(title, "down", "the drives are out of reach", set_up(name, bitrate))
+        yield bad(title, "down", "the drives are out of reach", set_up(name, can))
     elif state.state is LinkState.BUS_OFF:
         effect = "the controller has left the bus: the drives receive nothing"
-        yield bad(title, text + counters, effect, f"{wiring}; then: {set_up(name, bitrate)}")
+        yield bad(title, text + counters, effect, f"{wiring}; then: {set_up(name, can)}")
     elif state.state in {LinkState.PASSIVE, LinkState.WARNING}:
         effect = "frames are being lost; with a few more the controller leaves the bus"
         yield warning(title, text + counters, effect, wiring)
     else:
         yield good(title, text)
     if state.kind != "vcan":
-        yield from _controller(title, state, bitrate, set_up(name, bitrate))
+        yield from _controller(title, state, can, set_up(name, can))
         length = int(machine.read(f"{_NETWORK}/{name}/tx_queue_len") or "0")
         effect = (
             "a burst of commands does not fit, and frames are refused"
@@ -101,21 +104,16 @@ def _interface(machine: System, name: str, bitrate: int | None) -> Iterator[Find
     yield warning(f"{title} kind", "virtual (vcan)", _SIMULATED, remedy)
 
 
-def _controller(title: str, state: InterfaceState, wanted: int | None, command: str) -> Iterator[Finding]:
-    """Bit rate and restart; `command` sets the interface up."""
-    name = f"{title} bit rate"
-    if state.bitrate is None:
-        effect = "where it is not that of the drives, nothing gets through"
-        yield warning(name, _UNKNOWN, effect, f"compare it with the drives; to set it: {command}")
-    elif wanted is not None and state.bitrate != wanted:
-        yield bad(
-            name,
-            f"{state.bitrate} bit/s, the robot file has {wanted}",
-            "nothing gets through, and the bus of everybody else is disturbed",
-            f"{command}; or correct hardware.can.bitrate in the robot file",
-        )
-    else:
-        yield good(name, f"{state.bitrate} bit/s")
+def _controller(title: str, state: InterfaceState, can: CanSettings | None, command: str) -> Iterator[Finding]:
+    """Bit rates and restart; `command` sets the interface up."""
+    wanted = None if can is None else can.bitrate
+    yield _bit_rate(f"{title} bit rate", state.bitrate, wanted, ("bitrate", command))
+    if can is not None and can.fd_bitrate is not None:
+        name = f"{title} data bit rate"
+        if state.bitrate is not None and state.data_bitrate is None:
+            yield bad(name, "none: it carries classic frames only", "drives on CAN FD are out of reach", command)
+        else:
+            yield _bit_rate(name, state.data_bitrate, can.fd_bitrate, ("data_bitrate", command))
     never = "never after bus-off" if state.restart_ms == 0 else _UNKNOWN
     yield graded(
         f"{title} restart",
@@ -124,6 +122,22 @@ def _controller(title: str, state: InterfaceState, wanted: int | None, command: 
         f"{command}; for good: RestartSec=100ms in section [CAN] of its file in /etc/systemd/network",
         fits=bool(state.restart_ms),
     )
+
+
+def _bit_rate(name: str, found: int | None, wanted: int | None, setting: tuple[str, str]) -> Finding:
+    """One bit rate, bit/s; its key in the robot file, and the command that sets it."""
+    key, command = setting
+    if found is None:
+        effect = "where it is not that of the drives, nothing gets through"
+        return warning(name, _UNKNOWN, effect, f"compare it with the drives; to set it: {command}")
+    if wanted is not None and found != wanted:
+        return bad(
+            name,
+            f"{found} bit/s, the robot file has {wanted}",
+            "nothing gets through, and the bus of everybody else is disturbed",
+            f"{command}; or correct hardware.can.{key} in the robot file",
+        )
+    return good(name, f"{found} bit/s")
 
 
 def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ from segway_ecc.hil.case_study.witness import Witness, witness
 from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
 from segway_ecc.hil.processes import Command, ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import kernel_ends
-from segway_ecc.hil.rig.simulation import LockstepRig, bitrate_of, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, can_of, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot, read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, Recorder
 from segway_ecc.node.cycle.loop import Loop
@@ -195,7 +195,7 @@ class LockstepCanSeat:
             ends = rig.ends(hardware)
             robot_link, plant_link, ports = ends.node, ends.devices, (ends.port, ends.imu_port)
         else:
-            robot_link, plant_link = kernel_ends(rig, self._channels, bitrate_of(hardware))
+            robot_link, plant_link = kernel_ends(rig, self._channels, can_of(hardware))
         plant = simulated_robot(file, plant_link, *ports)
         truth = _truth_in(plant.output_names)
         points: list[Odometry] = []

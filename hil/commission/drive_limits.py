@@ -2,8 +2,8 @@
 """What the drives are set to by themselves: what their drivers read back of it, and what a person is to look up.
 
 Read back is what a driver reports in the hardware's health. What no driver reads yet is looked up in the vendor's tool:
-the names are those of odrivetool (docs.odriverobotics.com, 0.5.6 and 0.6), of VESC Tool 6 and of CiA 402-2. A driver
-that reads more gets a line in `_readings` and loses one in the look-ups of its family.
+the names are those of odrivetool (docs.odriverobotics.com, 0.5.6 and 0.6), of VESC Tool 6, of moteus' console and of
+CiA 402-2. A driver that reads more gets a line in `_readings` and loses one in the look-ups of its family.
 """
 
 import math
@@ -12,22 +12,19 @@ from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.moteus.settings import MoteusSettings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.settings import HardwareSettings
 
-_SIDES: Final = ("left", "right")
 _FIGURES: Final = {
     "watchdog_s": re.compile(r"^board\.watchdog_s=([\d.]+)$"),
-    "left_rated_torque_n_m": re.compile(r"^drives\.left\.rated_torque_nm=([\d.e+-]+)$"),
-    "right_rated_torque_n_m": re.compile(r"^drives\.right\.rated_torque_nm=([\d.e+-]+)$"),
-    "left_least_current_a": re.compile(r"^left\.firmware=.*; motor (-?[\d.e+-]+) to "),
-    "left_most_current_a": re.compile(r"^left\.firmware=.*; motor \S+ to (\S+) A"),
-    "right_least_current_a": re.compile(r"^right\.firmware=.*; motor (-?[\d.e+-]+) to "),
-    "right_most_current_a": re.compile(r"^right\.firmware=.*; motor \S+ to (\S+) A"),
+    "{}_rated_torque_n_m": re.compile(r"^drives\.(\w+)\.rated_torque_nm=([\d.e+-]+)$"),
+    "{}_least_current_a": re.compile(r"^(\w+)\.firmware=.*; motor (-?[\d.e+-]+) to "),
+    "{}_most_current_a": re.compile(r"^(\w+)\.firmware=.*; motor \S+ to (\S+) A"),
 }
-"""By name with the unit: where the health of the hardware, as `key=text`, has it."""
+"""By name with the axis and the unit: where the health of the hardware, as `key=text`, has it."""
 
 
 class DriveLimits(NamedTuple):
@@ -60,7 +57,8 @@ def _readings(health: Mapping[str, str]) -> dict[str, float]:
         for name, pattern in _FIGURES.items():
             match = pattern.match(f"{key}={text}")
             if match is not None:
-                found[name] = float(match[1])
+                *axis, figure = match.groups()
+                found[name.format(*axis)] = float(figure)
     return found
 
 
@@ -72,8 +70,7 @@ def _of_board(_settings: HardwareSettings, measured: Mapping[str, float], _faste
 def _of_odrive(settings: HardwareSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, OdriveSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side in _SIDES:
-        wheel = settings.wheel(side)
+    for side, wheel in settings.axes.items():
         torque, turns_s = abs(wheel.motor_torque(wheel.max_torque)), _turns(wheel.motor(fastest_rad_s))
         axis = f"odrv0.axis{wheel.axis}"
         amperes = (
@@ -98,7 +95,7 @@ def _of_odrive(settings: HardwareSettings, _measured: Mapping[str, float], faste
 def _of_vesc(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, VescSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         who = f"{side} (id {wheel.controller_id})"
         if f"{side}_most_current_a" not in measured:
             lines.append(
@@ -113,7 +110,7 @@ def _of_vesc(settings: HardwareSettings, measured: Mapping[str, float], fastest_
 def _of_cia402(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, Cia402Settings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         rated = measured.get(f"{side}_rated_torque_n_m", math.nan)
         share = 1e3 * abs(wheel.motor_torque(wheel.max_torque)) / rated if rated else math.nan
         rpm = 60.0 * _turns(wheel.motor(fastest_rad_s))
@@ -121,6 +118,19 @@ def _of_cia402(settings: HardwareSettings, measured: Mapping[str, float], fastes
             f"{side} (node {wheel.node_id}): object 0x6072:00, max torque (at least {share:.0f} per mille of 0x6076)",
             f"{side} (node {wheel.node_id}): object 0x6073:00, max current, per mille of 0x6075 (what the motor bears)",
             f"{side} (node {wheel.node_id}): object 0x6080:00, max motor speed (at least {rpm:.0f} rpm)",
+        ]
+    return lines
+
+
+def _of_moteus(settings: HardwareSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+    assert isinstance(settings, MoteusSettings)  # noqa: S101 - chosen by its type
+    lines = []
+    for name, axis in settings.axes.items():
+        torque, turns_s = abs(axis.motor_torque(axis.max_torque)), _turns(axis.motor(fastest_rad_s))
+        who = f"{name} (id {axis.servo_id})"
+        lines += [
+            f"{who}: conf get servo.max_current_A (at least {torque:.4g} N m / torque constant, 8.27 / motor.Kv)",
+            f"{who}: conf get servo.max_velocity (at least {turns_s:.4g} turns/s)",
         ]
     return lines
 
@@ -135,5 +145,6 @@ _LOOKUPS: Final[dict[type, Callable[[HardwareSettings, Mapping[str, float], floa
     OdriveSettings: _of_odrive,
     VescSettings: _of_vesc,
     Cia402Settings: _of_cia402,
+    MoteusSettings: _of_moteus,
 }
 """By family: the lines of what is not read back."""

@@ -13,8 +13,8 @@ from typing import Any, Final
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.drives.family import DriveFamily
 from segway_ecc.firmware_io.drives.stopper import Meaning
-from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.settings import HardwareSettings
+from segway_ecc.firmware_io.links.link import FD_LENGTHS, Frame
+from segway_ecc.firmware_io.settings import BusSettings, HardwareSettings
 from segway_ecc.hil.conformance.rig import PERIOD_S, DriveRig, NonconformanceError
 from segway_ecc.hil.devices.family import SimulatedDrives
 from segway_ecc.hil.rig.fronts import LinkFault
@@ -34,6 +34,8 @@ _MOVES_ON: Final = 0.1
 _GARBAGE: Final = 500
 _REMOTE: Final = 0.1
 """Of them so many ask for a frame."""
+_FD: Final = 0.7
+"""On a bus of CAN FD so many of the others are of it."""
 _NOTHING: Final = 1e-3
 """Of the largest command: a motor that gives less gives nothing."""
 
@@ -169,13 +171,17 @@ def _silence(trial: _Trial) -> None:
 def _garbage(trial: _Trial) -> None:
     rig, chance = trial.rig, random.Random(1)  # noqa: S311 - repeatable, and no secret
     rig.arm()
-    # Of what comes at a steady rate, so that a good frame soon follows: an answer to what is asked once may be forged
-    # where a protocol has no codes of its own.
-    keys = sorted({FrameKey(*key) for drive in rig.drives for key in drive.periods_s})
+    is_fd_bus = isinstance(trial.settings, BusSettings) and trial.settings.can.fd
+    # Answers to what is asked once are among them: one frame that happens to read as such must not last.
+    keys = sorted({FrameKey(*key) for drive in rig.drives for key in drive.listens_to})
     for _ in range(_GARBAGE):
         identifier, is_extended = chance.choice(keys)
         data = chance.randbytes(chance.randrange(9))
-        rig.disturb(Frame(identifier, data, is_extended=is_extended, is_remote=chance.random() < _REMOTE))
+        frame = Frame(identifier, data, is_extended=is_extended, is_remote=chance.random() < _REMOTE)
+        if is_fd_bus and not frame.is_remote and chance.random() < _FD:
+            data = chance.randbytes(chance.choice(FD_LENGTHS))
+            frame = Frame(identifier, data, is_extended=is_extended, is_fd=True)
+        rig.disturb(frame)
         rig.cycle()
         _require(
             all(map(math.isfinite, rig.sensors.values)), f"a frame {identifier:X}#{data.hex()} makes a value infinite"

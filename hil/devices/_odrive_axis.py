@@ -281,6 +281,22 @@ class SimulatedAxis:
             requested, self._requested = self._requested, None
             self._enter(requested, now_ns)
 
+    def next_ns(self, now_ns: int) -> float:
+        """When, after a pass now, the next one does anything: its torque stays, if no frame comes, until then."""
+        is_closed = self.state is AxisState.CLOSED_LOOP_CONTROL
+        follows_motion = is_closed and not (
+            self.control_mode == TORQUE_CONTROL and self.velocity_limit_rev_s == self.current_limit_margin_a == math.inf
+        )
+        if self._fed_ns is None or follows_motion or (self.error and self.state is not AxisState.IDLE):
+            return -math.inf
+        next_ns = math.inf
+        watchdog = WATCHDOG[self.firmware]
+        if self.watchdog_s is not None and not self.error & watchdog:
+            next_ns = self._fed_ns + self.watchdog_s * 1e9
+        if self._requested is not None:
+            next_ns = min(next_ns, (now_ns if self._requested_ns is None else self._requested_ns) + _ENTER_NS)
+        return next_ns
+
     def _check_limits(self) -> None:
         """Speed (`Controller::update`) and current (`Motor::current_meas_cb`, of before the limit changed)."""
         too_fast = self.velocity_limit_tolerance * self.velocity_limit_rev_s

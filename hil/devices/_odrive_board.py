@@ -80,11 +80,16 @@ class SimulatedBoard:
         for axis in self.axes:
             axis.clear_errors()
 
+    @property
+    def limits_current(self) -> bool:
+        """Whether the current of its supply has a limit."""
+        return not (math.isinf(self.dc_max_negative_current_a) and math.isinf(self.dc_max_positive_current_a))
+
     def check_supply(self) -> None:
         """Switch all motors off where the current leaves its limits: `update_brake_current`, fw-v0.5.6."""
-        least_a, most_a = self.dc_max_negative_current_a, self.dc_max_positive_current_a
-        if math.isinf(least_a) and math.isinf(most_a):
+        if not self.limits_current:
             return
+        least_a, most_a = self.dc_max_negative_current_a, self.dc_max_positive_current_a
         current_a = self.supply_current_a
         if current_a > most_a:
             self._fail(OVER_CURRENT)

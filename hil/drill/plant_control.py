@@ -9,6 +9,7 @@ Each line is answered with when it took effect.
     add WHAT AMOUNT     measured values that begin with WHAT are too large by AMOUNT, in their unit
     heal                undo all of the above
     write NAME VALUE    write a state or parameter of the plant
+    driven              nothing; the answer ends with when a motor was last driven, monotonic, ns, or `never`
 
 An answer is the monotonic time, ns, and the line; or the time, `refused:` and why.
 """
@@ -98,6 +99,12 @@ class PlantControl:
         self._link = link
         self._plant = plant
         self._clock = clock
+        self._driven_ns: int | None = None
+
+    def note_torque(self, monotonic_ns: int, _wall_ns: int, values: Sequence[float]) -> None:
+        """See what the motors give in a tick; see `Trace`."""
+        if drives(values):
+            self._driven_ns = monotonic_ns
 
     def obey(self, line: str) -> str:
         """Do what a line requests; return the answer."""
@@ -115,9 +122,11 @@ class PlantControl:
                 self._robot.errors.clear()
             case ["write", name, value]:
                 refused = self._write(name, value)
+            case ["driven"]:
+                line = f"driven {'never' if self._driven_ns is None else self._driven_ns}"
             case _:
                 refused = (
-                    "it must be mute, cut, freeze left|right|imu|SIGNAL, add imu|SIGNAL AMOUNT, heal, "
+                    "it must be mute, cut, freeze left|right|imu|SIGNAL, add imu|SIGNAL AMOUNT, heal, driven, "
                     "or write NAME VALUE of the plant"
                 )
         return f"{self._clock.now_ns()} {line if refused is None else f'refused: {refused}'}"
@@ -152,6 +161,11 @@ class PlantControl:
         except ModelError as error:
             return str(error)
         return None
+
+
+def drives(torques: Sequence[float]) -> bool:
+    """Whether motors that are given so much, N m or V, drive anything."""
+    return any(abs(torque) > NOTHING for torque in torques)
 
 
 class LineReader:
@@ -234,7 +248,7 @@ def read_trace(path: Path) -> list[Tick]:
         return []
     text = path.read_text(encoding="ascii")
     rows = list(csv.reader(text[: text.rfind("\n") + 1].splitlines()))[1:]
-    return [Tick(int(row[0]), any(abs(float(value)) > NOTHING for value in row[len(_STAMPS) :])) for row in rows]
+    return [Tick(int(row[0]), drives([float(value) for value in row[len(_STAMPS) :]])) for row in rows]
 
 
 def driven_since_ns(ticks: Sequence[Tick]) -> int | None:

@@ -22,7 +22,7 @@ from segway_ecc.hil.processes import ignore_interrupt, quiet, spawning
 from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.rig.fronts import RecorderFront, kernel_ends
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import LockstepRig, bitrate_of, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, can_of, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -174,7 +174,7 @@ def drive(  # noqa: PLR0913 - what there is to choose
         ends = rig.ends(hardware)
         node_end, plant_end, ports = ends.node, ends.devices, (ends.port, ends.imu_port)
     else:
-        node_end, plant_end = kernel_ends(rig, (channel, channel), bitrate_of(hardware))
+        node_end, plant_end = kernel_ends(rig, (channel, channel), can_of(hardware))
     lossy = [Fault(target="can", type="intermittent", at_s=0.0, amount=frame_loss)] if frame_loss else []
     injections = Injections((*lossy, *faults), seed, rig.now_ns)
     bus, simulated = CountedBus(node_end, injections, rig.now_ns), simulated_robot(file, plant_end, *ports)

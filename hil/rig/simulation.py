@@ -2,7 +2,7 @@
 """The simulation that a robot file describes, and the rigs that run it: in lock step, or in real time."""
 
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, Self
 
 from segway_ecc.firmware_io.build import can_link, imu_line, make_link, serial_codec
 from segway_ecc.firmware_io.clock import Clock
@@ -20,6 +20,7 @@ from segway_ecc.hil.rig.no_bus import NoBus
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
+from segway_ecc.hil.rig.wired_plant import WiredPlant
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
@@ -30,7 +31,6 @@ Trace = Callable[[int, int, Sequence[float]], None]
 """Called after each tick with the monotonic and the wall-clock time at which it began, ns, and what the motors give."""
 WALL_START_NS: Final = 1_700_000_000_000_000_000
 """What the simulated wall clock reads at monotonic time zero."""
-_EMPTY_BUS_BITRATE: Final = 500_000
 
 
 def hardware_of(file: RobotFile) -> HardwareSettings:
@@ -50,10 +50,12 @@ def simulated_plant(file: RobotFile) -> Model:
     Raises:
         NoSimulationError: It names none.
         ModelError: The plant cannot be loaded.
+        UnknownNameError: Its wiring names a port that it does not have.
     """
     if file.simulation is None:
         raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
-    return load_model(file.simulation.plant, file.simulation.parameters)
+    plant, wiring = load_model(file.simulation.plant, file.simulation.parameters), file.simulation.wiring
+    return WiredPlant(plant, wiring, file.plant_mixers) if wiring else plant
 
 
 def simulated_robot(
@@ -92,10 +94,10 @@ def devices_link(settings: HardwareSettings, clock: Clock) -> Link:
     return can_link(line, clock) if isinstance(line, CanSettings) else NoBus()
 
 
-def bitrate_of(settings: HardwareSettings) -> int:
-    """The rate of the bus that a robot file names, bit/s; of one that has none, that of the empty one."""
+def can_of(settings: HardwareSettings) -> CanSettings:
+    """The bus that a robot file names; of one that has none, one for the rig that stays empty."""
     line = settings.line
-    return line.bitrate if isinstance(line, CanSettings) else _EMPTY_BUS_BITRATE
+    return line if isinstance(line, CanSettings) else CanSettings()
 
 
 class RealTimePlant:
@@ -192,9 +194,9 @@ class LockstepRig:
     Its time stops wherever a source is to act.
     """
 
-    def __init__(self, bitrate: int) -> None:
-        """Make a rig with an empty bus at `bitrate` bit/s."""
-        self.bus = SimulatedBus(bitrate, self.now_ns)
+    def __init__(self, bitrate: int, fd_bitrate: int | None = None) -> None:
+        """Make a rig with an empty bus at `bitrate` bit/s, and with CAN FD where its data have a bit rate."""
+        self.bus = SimulatedBus(bitrate, self.now_ns, fd_bitrate)
         self._robot: SimulatedRobot | None = None
         self._observe: Observer | None = None
         self._sources: list[Source] = []
@@ -202,9 +204,10 @@ class LockstepRig:
         self._next_tick_ns = 0
 
     @classmethod
-    def of(cls, settings: HardwareSettings) -> "LockstepRig":
+    def of(cls, settings: HardwareSettings) -> Self:
         """A rig for a robot, whose bus is as fast as the robot file has it."""
-        return cls(bitrate_of(settings))
+        can = can_of(settings)
+        return cls(can.bitrate, can.fd_bitrate)
 
     def ends(self, settings: HardwareSettings) -> RigEnds:
         """The line that a robot file names: the bus, or a serial line of its own in place of one."""

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--control",
         action="store_true",
         help="take faults from standard input until it ends: "
-        "mute, cut, freeze WHAT, add WHAT AMOUNT, heal, write NAME VALUE",
+        "mute, cut, freeze WHAT, add WHAT AMOUNT, heal, write NAME VALUE, driven",
     )
 
 
@@ -59,25 +59,37 @@ def run(options: argparse.Namespace) -> int:
         )
         stack.enter_context(stopped_by_signals(plant.stop))
         observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
-        traced: Trace | None = None
+        traces = list[Trace]()
         if options.trace is not None:
             names = [v.name for v in plant.robot.plant.inputs]
-            traced = trace_writer(stack.enter_context(_open(options.trace)), names)
-        control = None
+            traces.append(trace_writer(stack.enter_context(_open(options.trace)), names))
+        reader = None
         if options.control:
-            obey = PlantControl(plant.robot, link, plant.robot.plant, clock).obey
+            control = PlantControl(plant.robot, link, plant.robot.plant, clock)
+            traces.append(control.note_torque)
             # The plant ends with whoever controls it.
-            reader = LineReader(sys.stdin.fileno(), output_of(options).fileno(), obey, plant.stop)
-            control = stack.enter_context(contextlib.closing(reader))
+            reader = LineReader(sys.stdin.fileno(), output_of(options).fileno(), control.obey, plant.stop)
+            stack.enter_context(contextlib.closing(reader))
         plant.robot.link.open()
         line = hardware_of(file).line
         on = f"serial {line.port}" if isinstance(line, PortSettings) else link.description
         _logger.info("plant of '%s' on %s", options.robot, on)
         with real_time():
-            plant.run(observe, traced, control)
+            plant.run(observe, _all_of(traces), reader)
     result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.robot.refused_frames}
     print_found(options, result, {name: str(count) for name, count in result.items()})
     return 0
+
+
+def _all_of(traces: Sequence[Trace]) -> Trace | None:
+    if len(traces) < 2:  # noqa: PLR2004 - a pair needs both called
+        return traces[0] if traces else None
+
+    def trace(monotonic_ns: int, wall_ns: int, values: Sequence[float]) -> None:
+        for each in traces:
+            each(monotonic_ns, wall_ns, values)
+
+    return trace
 
 
 def _serial_port(file: RobotFile, link: DisturbedLink, stack: contextlib.ExitStack) -> Port | None:

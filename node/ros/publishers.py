@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX, state_text
+from segway_ecc.node.cycle.signals import IMU_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL, joint_signals
 from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.cycle.trajectory import TrajectoryState, TrajectoryStatus
-from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from segway_ecc.node.ros.messages import NS_PER_S, STAMP, RosObject, Template, message_type, set_stamp
 from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.trajectories import STATUS_DEPTH, STATUS_TOPIC, STATUS_TYPE
@@ -114,15 +114,15 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     ]
     odometry, joints, imu = (
         [index[signal] for signal in group] if all(signal in index for signal in group) else None
-        for group in (ODOMETRY_SIGNALS, JOINT_SIGNALS, IMU_SIGNALS)
+        for group in (ODOMETRY_SIGNALS, joint_signals(signals), IMU_SIGNALS)
     )
     if odometry is not None:
         publishers += _odometry(node, ros, odometry)
     if joints is not None:
-        message = message_type("sensor_msgs/msg/JointState")(
-            name=[ros.left_joint, ros.right_joint], position=[0.0, 0.0], velocity=[0.0, 0.0]
-        )
-        numbers = ["position.0", "position.1", "velocity.0", "velocity.1"]
+        names = ros.joint_names(joint_signals(signals))
+        zeros = [0.0] * len(names)
+        message = message_type("sensor_msgs/msg/JointState")(name=names, position=zeros, velocity=zeros)
+        numbers = [f"{what}.{place}" for what in ("position", "velocity") for place in range(len(names))]
         publishers.append(_measured(node, "joint_states", message, numbers, joints))
     if imu is not None:
         message = message_type("sensor_msgs/msg/Imu")()

@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     with CandumpLog(options.out, round(options.limit * MB)) as log, stopped_by_signals(reasons.append):
         sys.stderr.write(f"segway-ecc: bus traffic: {options.out}\n")
         listen(
-            (bus.interface, bus.channel, bus.bitrate),
+            bus,
             log,
             lambda: bool(reasons) or (end_s is not None and time.monotonic() >= end_s),
         )

@@ -44,15 +44,19 @@ SERIAL = SerialSettings(port="/dev/bench", baudrate=115_200, lost_after_s=0.03, 
 BOARD = WheelBoardSettings(can=CAN, watchdog_s=0.03)
 VESC = VescSettings(
     can=CAN,
-    left=VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
-    right=VescWheelSettings(controller_id=2, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
+    axes={
+        "left": VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
+        "right": VescWheelSettings(controller_id=2, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
+    },
     timeout_set_s=0.03,
     serial=SERIAL,
 )
 CIA402 = Cia402Settings(
     can=CAN,
-    left=Cia402WheelSettings(node_id=1, counts_per_turn=4_096, max_torque=1.0),
-    right=Cia402WheelSettings(node_id=2, counts_per_turn=4_096, max_torque=1.0),
+    axes={
+        "left": Cia402WheelSettings(node_id=1, counts_per_turn=4_096, max_torque=1.0),
+        "right": Cia402WheelSettings(node_id=2, counts_per_turn=4_096, max_torque=1.0),
+    },
 )
 
 
@@ -114,8 +118,10 @@ def test_drives_without_a_serial_line_are_refused() -> None:
 
 ODRIVE = OdriveSettings(
     can=CAN,
-    left=OdriveWheelSettings(node_id=5, max_torque=1.0),
-    right=OdriveWheelSettings(node_id=6, max_torque=1.0),
+    axes={
+        "left": OdriveWheelSettings(node_id=5, max_torque=1.0),
+        "right": OdriveWheelSettings(node_id=6, max_torque=1.0),
+    },
     encoder_period_s=0.002,
     external_imu=XsensMtiSettings(period_s=0.01),
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One axis of an ODrive, which moves one wheel, as a `Drive`: enable, command, disable."""
+"""One axis of an ODrive, which moves one wheel or joint, as a `Drive`: enable, command, disable."""
 
 import math
 import time
@@ -52,12 +52,12 @@ class Odrive(PhasedDrive):
     def __init__(
         self, link: Link, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
-        """Drive the wheel called `name`, `left` or `right`, over `link`, exchanged with at `loop_period_s`."""
+        """Drive the axis called `name` over `link`, exchanged with at `loop_period_s`."""
         super().__init__(now_ns)
         self.name = name
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self._settings = settings
-        self._wheel = settings.wheel(name)
+        self._wheel = settings.axes[name]
         self.limits: Sequence[float] = (self._wheel.max_torque,)
         self._link = link
         self._axis = AxisListener(name, settings, loop_period_s, now_ns)
@@ -101,7 +101,7 @@ class Odrive(PhasedDrive):
         return taken
 
     def read(self) -> Readings:
-        """Angle, velocity and torque of the wheel, and for the left one the supply's voltage.
+        """Angle, velocity and torque of the wheel, and for the first one the supply's voltage.
 
         The torque and the voltage are valid only where the drive sends them.
         """

@@ -65,7 +65,7 @@ class OdriveSerialCodec:
     def __init__(self, settings: OdriveSettings) -> None:
         """Speak for the wheels of one board."""
         self.refused: Counter[str] = Counter()
-        self._axis_of: dict[int, int] = {wheel.node_id: wheel.axis for wheel in (settings.left, settings.right)}
+        self._axis_of: dict[int, int] = {wheel.node_id: wheel.axis for wheel in settings.axes.values()}
         self._node_of = {axis: node_id for node_id, axis in self._axis_of.items()}
         self._polls = 0
         self._received = b""

@@ -35,6 +35,7 @@ class FakeProbes(Probes):
     """What trying comes to."""
 
     no_can: bool = False
+    exit_filter_error: OSError | None = None
     interfaces: dict[str, InterfaceState] = field(default_factory=dict)
     port_error: OSError | None = None
     lateness: Summary = GOOD_LATENESS
@@ -46,6 +47,10 @@ class FakeProbes(Probes):
     def can_socket(self) -> None:
         if self.no_can:
             raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
+
+    def ask_before_exit(self) -> None:
+        if self.exit_filter_error is not None:
+            raise self.exit_filter_error
 
     def interface(self, name: str) -> InterfaceState:
         return self.interfaces.get(name, UNKNOWN)

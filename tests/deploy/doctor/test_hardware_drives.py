@@ -14,6 +14,7 @@ from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
         ("cart-can", "40 ms, set by the node, and read back before it arms"),
         ("cart-odrive", "40 ms, set with odrivetool; the node has each axis prove it before it arms"),
         ("cart-vesc", "30 ms, set with VESC Tool; the node measures it before it arms"),
+        ("cart-moteus", "40 ms, sent in each command, and read back before arming"),
         ("cart-cia402", "40 ms, a heartbeat time that the node sets, and reads back before it arms"),
         ("cart", "no drives"),
         (None, "no robot is named"),

@@ -32,7 +32,8 @@ def ids(robot: str) -> tuple[int, int]:
     settings = hardware(robot)
     assert isinstance(settings, OdriveSettings | VescSettings | Cia402Settings)
     names = {"cart-odrive": "node_id", "cart-vesc": "controller_id", "cart-cia402": "node_id"}
-    return getattr(settings.left, names[robot]), getattr(settings.right, names[robot])
+    left, right = (getattr(wheel, names[robot]) for wheel in settings.axes.values())
+    return left, right
 
 
 def command(counter: int, *, enable: bool, voltage: float = 0.0) -> Frame:

@@ -6,10 +6,12 @@ import math
 import pytest
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.moteus.settings import MoteusAxisSettings, MoteusSettings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
 from segway_ecc.firmware_io.drives.vesc.limits import CurrentLimits, FirmwareVersion, LimitsReading
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.commission.drive_limits import drive_limits
 from segway_ecc.hil.commission.expected import expected_of
 from segway_ecc.hil.commission.person import Answer
@@ -33,7 +35,7 @@ def vesc() -> VescSettings:
         VescWheelSettings(controller_id=number, pole_pairs=7, torque_constant=0.1, max_torque=10.0, gear_ratio=10.0)
         for number in (1, 2)
     )
-    return VescSettings(left=left, right=right, timeout_set_s=0.05)
+    return VescSettings(axes={"left": left, "right": right}, timeout_set_s=0.05)
 
 
 def test_wheel_board_reports_all_that_it_has() -> None:
@@ -46,7 +48,7 @@ def test_wheel_board_that_reports_no_watchdog_is_looked_up() -> None:
 
 
 def test_unread_limits_of_an_odrive_are_looked_up_by_their_names_in_its_tool() -> None:
-    settings = OdriveSettings(firmware="0.5", left=odrive_wheel(0, 0), right=odrive_wheel(1, 1))
+    settings = OdriveSettings(firmware="0.5", axes={"left": odrive_wheel(0, 0), "right": odrive_wheel(1, 1)})
     lookups = drive_limits(settings, {}, FASTEST).lookups
     assert lookups[0] == "left, firmware 0.5: odrv0.axis0.motor.config.current_lim (at least 10 A)"
     assert lookups[-1] == "right: odrv0.axis1.controller.config.vel_limit (at least 40 turns/s)"
@@ -73,10 +75,19 @@ def test_currents_that_a_vesc_does_not_report_are_looked_up_too() -> None:
     assert sum("Motor Current Max" in line and "at least 10 A" in line for line in lookups) == 2
 
 
+def test_limits_of_a_moteus_are_looked_up_by_their_names_in_its_console() -> None:
+    axes = {"left": MoteusAxisSettings(servo_id=3, max_torque=2.0, gear_ratio=4.0)}
+    lookups = drive_limits(MoteusSettings(can=CanSettings(fd=True), axes=axes), {}, FASTEST).lookups
+    assert lookups == (
+        "left (id 3): conf get servo.max_current_A (at least 0.5 N m / torque constant, 8.27 / motor.Kv)",
+        "left (id 3): conf get servo.max_velocity (at least 40 turns/s)",
+    )
+
+
 def test_rated_torque_of_a_cia402_drive_is_a_figure_and_gives_what_its_largest_torque_must_be() -> None:
     left, right = (Cia402WheelSettings(node_id=n, counts_per_turn=4096, max_torque=1.5) for n in (1, 2))
     health = {"drives.left.rated_torque_nm": "1", "drives.right.rated_torque_nm": "unknown"}
-    found = drive_limits(Cia402Settings(left=left, right=right), health, FASTEST)
+    found = drive_limits(Cia402Settings(axes={"left": left, "right": right}), health, FASTEST)
     assert found.measured == {"left_rated_torque_n_m": 1.0}
     assert "left (node 1): object 0x6072:00, max torque (at least 1500 per mille of 0x6076)" in found.lookups
     assert "right (node 2): object 0x6080:00, max motor speed (at least 600 rpm)" in found.lookups

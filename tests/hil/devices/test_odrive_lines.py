@@ -44,8 +44,7 @@ class Bench:
             {
                 "type": "odrive",
                 "firmware": "0.5",
-                "left": {**wheel, "node_id": 0, "axis": 0},
-                "right": {**wheel, "node_id": 1, "axis": 1},
+                "axes": {"left": {**wheel, "node_id": 0, "axis": 0}, "right": {**wheel, "node_id": 1, "axis": 1}},
                 "serial": {"port": "bench", "baudrate": baudrate},
             },
             OdriveSettings,

@@ -12,7 +12,7 @@ from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.robot import build_robot
 
 CYCLE_NS = 10_000_000
-CARTS = ("cart-can", "cart-odrive", "cart-vesc", "cart-cia402")
+CARTS = ("cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus")
 PLANT = "truth.supply_voltage"
 
 
@@ -59,7 +59,7 @@ def test_the_plants_supply_is_measured_within_a_third_of_a_second(name: str) -> 
         assert bench.supply() == (volts, True)
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
 def test_the_segways_battery_is_the_robots_supply(name: str) -> None:
     bench = Bench(name)
     volts, is_valid = bench.supply()
@@ -99,9 +99,9 @@ def test_a_drive_that_was_off_and_is_set_up_again_reports_its_supply_again() -> 
     bench.cycle(30)
     drives = bench.robot.devices[0]
     assert isinstance(drives, SimulatedCia402)
-    drives.left.switch_off()
+    drives.axes["left"].switch_off()
     assert bench.supply(150)[1] is False
-    drives.left.switch_on()
+    drives.axes["left"].switch_on()
     bench.robot.stuck[PLANT] = 20.0
     assert bench.supply(200) == (20.0, True)
     assert bench.hardware.arming_failures() == []

@@ -87,7 +87,7 @@ def test_limits_of_current_and_speed_hold_for_driving_and_for_braking(
     bench.outputs = RESTING | {"left.velocity": velocity}
     bench.send(PacketId.SET_CURRENT, Current(asked))
     bench.run(20)
-    assert bench.vesc.left.current == pytest.approx(amperes, abs=0.01)
+    assert bench.vesc.controllers["left"].current == pytest.approx(amperes, abs=0.01)
 
 
 @pytest.mark.parametrize(

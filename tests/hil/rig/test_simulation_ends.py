@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.links.serial_writer import SerialWriter
 from segway_ecc.firmware_io.links.settings import PortSettings
 from segway_ecc.hil.rig.no_bus import NoBus
 from segway_ecc.hil.rig.simulated_bus import SimulatedLink
-from segway_ecc.hil.rig.simulation import LockstepRig, bitrate_of, devices_link, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, can_of, devices_link, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.robot import build_robot
 
@@ -27,7 +27,7 @@ def test_a_robot_on_a_bus_has_both_its_ends_there() -> None:
     assert isinstance(ends.node, SimulatedLink)
     assert (ends.port, ends.imu_port) == (None, None)
     assert isinstance(rig.guard_end(settings, ends), SimulatedLink)
-    assert bitrate_of(settings) == 500_000
+    assert can_of(settings).bitrate == 500_000
     assert not isinstance(devices_link(settings, RealClock()), NoBus)
 
 

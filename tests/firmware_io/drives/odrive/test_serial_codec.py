@@ -85,8 +85,10 @@ def test_commands_become_lines(line: OdriveSerialCodec, node: int, message: Mess
 def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
     swapped = OdriveSerialCodec(
         configure(
-            left={"node_id": 7, "axis": 1, "max_torque": 1.0},
-            right={"node_id": 9, "axis": 0, "max_torque": 1.0},
+            axes={
+                "left": {"node_id": 7, "axis": 1, "max_torque": 1.0},
+                "right": {"node_id": 9, "axis": 0, "max_torque": 1.0},
+            }
         )
     )
     words = swapped.encode(encode(Firmware.V0_5, 7, m.SetAxisState(1)))
@@ -328,4 +330,4 @@ def _started() -> OdriveSerialCodec:
 
 
 def _settings(left: dict[str, object], right: dict[str, object]) -> OdriveSettings:
-    return msgspec.convert({"type": "odrive", "left": left, "right": right}, OdriveSettings)
+    return msgspec.convert({"type": "odrive", "axes": {"left": left, "right": right}}, OdriveSettings)
