@@ -12,6 +12,7 @@ from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
 from segway_ecc.firmware_io.drives.readings import DriveReading, StandbyListener, readings_of
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.firmware_io.links.joined_link import JoinedLink
 from segway_ecc.firmware_io.links.link import Link, NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.sender_rate import SenderRate
@@ -75,7 +76,8 @@ class Assembly:
         self._armed = False
         self._gate = CommandGate(drives, None, None, now_ns) if gate is None else gate
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
-        self.switching = Switching(link, now_ns) if isinstance(link, RedundantLink) else None
+        main = link.main if isinstance(link, JoinedLink) else link
+        self.switching = Switching(main, now_ns) if isinstance(main, RedundantLink) else None
 
     def open(self) -> None:
         """Claim the bus, open the link and start every device; see `Hardware.open`.

@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.drives.family import drive_family, family_of
 from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family
 from segway_ecc.firmware_io.plugins import DRIVES, entry_points
-from segway_ecc.firmware_io.settings import AxisName, BusSettings, check_axes
+from segway_ecc.firmware_io.settings import AxisName, HardwareSettings, check_axes
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.cycle.mixing import (
     GEOMETRY,
@@ -152,7 +152,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     wiring: Mapping[str, str | WiredSignal]
     geometry: GeometrySection = GeometrySection()
     mixing: dict[AxisName, DifferentialMixing] = msgspec.field(default_factory=dict)
-    hardware: NoHardwareSection | BusSettings = NoHardwareSection()
+    hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
     commissioned: Literal["required", "optional"] = "optional"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"

@@ -11,19 +11,23 @@ from segway_ecc.firmware_io.devices import Drive
 from segway_ecc.firmware_io.drives.stopper import Stopper
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.plugins import DRIVES, load_plugin
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 
 if TYPE_CHECKING:
     from segway_ecc.firmware_io.links.serial_link import SerialCodec
 
-Settings = TypeVar("Settings", bound=BusSettings)
+Settings = TypeVar("Settings", bound=HardwareSettings)
 
 
 class DriveWatchdog(NamedTuple):
-    """How long a drive goes on without a command, s, and how that is made sure, as the doctor reports it."""
+    """How long a drive goes on without a command, s, and how that is made sure, as the doctor reports it.
+
+    `remedy` is how one that is long is made shorter.
+    """
 
     timeout_s: float
     assured_by: str
+    remedy: str = ""
 
 
 class SettingsToCheck(NamedTuple):
@@ -51,6 +55,8 @@ class DriveFamily(Generic[Settings]):
             there are none.
         serial_codec: (settings) -> what it speaks on a serial line, the field `serial` of its settings; None where it
             has no such line.
+        velocity_error: What its velocities may be off beside their scale, rad/s, where they are measured coarsely.
+        packet_pause_bytes: The silence on that line that its firmware needs after each packet, in the time of bytes.
         wire_description: A file that describes its frames, put into every log; None where there is none.
     """
 
@@ -60,6 +66,8 @@ class DriveFamily(Generic[Settings]):
     watchdog: Callable[[Settings], DriveWatchdog]
     to_check: Callable[[Settings], SettingsToCheck | None] | None = None
     serial_codec: "Callable[[Settings], SerialCodec] | None" = None
+    velocity_error: float = 0.0
+    packet_pause_bytes: int = 0
     wire_description: Path | None = None
 
 
@@ -72,7 +80,7 @@ def drive_family(name: object) -> DriveFamily[Any]:
     return load_plugin(DRIVES, name, "drive family", DriveFamily)
 
 
-def family_of(settings: BusSettings) -> DriveFamily[Any]:
+def family_of(settings: HardwareSettings) -> DriveFamily[Any]:
     """The drive family that settings are of.
 
     Raises:

@@ -226,16 +226,17 @@ class _ScenarioBench:
         self.arming_refusal: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
-        self.rig = rig = LockstepRig.of(hardware_of(file).can)
+        self.rig = rig = LockstepRig.of(hardware_of(file))
         self.injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
         self._clock = clock = DisturbedClock(rig, injections)
         clock.on_kill = self._kill
-        self._bus = DisturbedBus(rig.bus.attach("node"), injections, rig.now_ns)
         hardware = hardware_of(file)
+        ends = rig.ends(hardware)
+        self._bus = DisturbedBus(ends.node, injections, rig.now_ns)
         serial = serial_of(hardware)
         self._wires = wires = None if serial is None else SimulatedSerial(serial.baudrate, rig.now_ns)
-        plant_end = DisturbedDevicesLink(rig.bus.attach("plant"), injections, _imu_frames(file))
-        simulated = simulated_robot(file, plant_end, None if wires is None else wires.device)
+        plant_end = DisturbedDevicesLink(ends.devices, injections, _imu_frames(file))
+        simulated = simulated_robot(file, plant_end, ends.port if wires is None else wires.device, ends.imu_port)
         for name, value in settings.parameters:
             if name.startswith(PLANT):
                 simulated.plant.write(name.removeprefix(PLANT), value)

@@ -20,7 +20,7 @@ from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, Odrive
 from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 
 
 class DriveLimits(NamedTuple):
@@ -35,7 +35,7 @@ class DriveLimits(NamedTuple):
     lookups: tuple[str, ...]
 
 
-def drive_limits(settings: BusSettings, readings: Sequence[DriveReading], fastest_rad_s: float) -> DriveLimits:
+def drive_limits(settings: HardwareSettings, readings: Sequence[DriveReading], fastest_rad_s: float) -> DriveLimits:
     """What was read back of the drives' own limits, and what is to be looked up.
 
     Args:
@@ -48,19 +48,19 @@ def drive_limits(settings: BusSettings, readings: Sequence[DriveReading], fastes
     return DriveLimits(measured, tuple(lookups))
 
 
-def _of_any(settings: BusSettings, _measured: Mapping[str, float], _fastest: float) -> list[str]:
+def _of_any(settings: HardwareSettings, _measured: Mapping[str, float], _fastest: float) -> list[str]:
     """What another family says of itself that a person has to look at."""
     family = family_of(settings)
     to_check = None if family.to_check is None else family.to_check(settings)
     return [] if to_check is None else [to_check.remedy]
 
 
-def _of_board(_settings: BusSettings, measured: Mapping[str, float], _fastest: float) -> list[str]:
+def _of_board(_settings: HardwareSettings, measured: Mapping[str, float], _fastest: float) -> list[str]:
     """A wheel board has no settings but its watchdog, which it reports."""
     return [] if "watchdog_s" in measured else ["see the watchdog of the wheel board, which does not report it"]
 
 
-def _of_odrive(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_odrive(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, OdriveSettings)  # noqa: S101 - chosen by its type
     lines = []
     firmwares = list(Firmware) if settings.firmware == "auto" else [Firmware(settings.firmware)]
@@ -91,7 +91,7 @@ def _odrive_wants(wheel: OdriveWheelSettings, fastest_rad_s: float) -> list[tupl
     ]
 
 
-def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_vesc(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, VescSettings)  # noqa: S101 - chosen by its type
     lines = []
     for side, wheel in settings.axes.items():
@@ -106,7 +106,7 @@ def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s
     return lines
 
 
-def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_cia402(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, Cia402Settings)  # noqa: S101 - chosen by its type
     lines = []
     for side, wheel in settings.axes.items():
@@ -121,7 +121,7 @@ def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad
     return lines
 
 
-def _of_moteus(settings: BusSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_moteus(settings: HardwareSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, MoteusSettings)  # noqa: S101 - chosen by its type
     lines = []
     for name, axis in settings.axes.items():
@@ -139,7 +139,7 @@ def _turns(rad_s: float) -> float:
     return abs(rad_s) / (2.0 * math.pi)
 
 
-_LOOKUPS: Final[dict[type, Callable[[BusSettings, Mapping[str, float], float], list[str]]]] = {
+_LOOKUPS: Final[dict[type, Callable[[HardwareSettings, Mapping[str, float], float], list[str]]]] = {
     WheelBoardSettings: _of_board,
     OdriveSettings: _of_odrive,
     VescSettings: _of_vesc,

@@ -10,14 +10,14 @@ from segway_ecc.firmware_io.imus.settings import ImuSettings
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.plugins import load_plugin
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.devices.device import Device
 
 SIMULATED_DRIVES: Final = "segway_ecc.simulated_drives"
 """The group of simulated drives: each entry point has the family's name, and names a `SimulatedDrives`."""
 SIMULATED_IMUS: Final = "segway_ecc.simulated_imus"
 """The group of simulated IMUs: each entry point has the IMU's name, and names a `SimulatedImu`."""
-Settings = TypeVar("Settings", bound=BusSettings)
+Settings = TypeVar("Settings", bound=HardwareSettings)
 SettingsOfImu = TypeVar("SettingsOfImu", bound=ImuSettings)
 Made = TypeVar("Made", bound=Device)
 
@@ -48,15 +48,15 @@ class SimulatedImu(Generic[SettingsOfImu]):
     """An IMU as it behaves on the bus.
 
     Attributes:
-        device: (settings, bus) -> the IMU.
+        device: (settings, bus, its end of a serial line of its own or None) -> the IMU.
         frames: (settings) -> the frames that it sends.
     """
 
-    device: Callable[[SettingsOfImu, Link], Device]
+    device: Callable[[SettingsOfImu, Link, Port | None], Device]
     frames: Callable[[SettingsOfImu], Collection[FrameKey]]
 
 
-def simulated_drives(settings: BusSettings) -> SimulatedDrives[Any, Any]:
+def simulated_drives(settings: HardwareSettings) -> SimulatedDrives[Any, Any]:
     """The simulated drives that settings are of.
 
     Raises:

@@ -5,11 +5,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from segway_ecc.deploy.doctor.check import Verdict, Workload
+from segway_ecc.deploy.doctor.check import Finding, Verdict, Workload
 from segway_ecc.deploy.doctor.hardware import check_drives
+from segway_ecc.firmware_io.drives.hoverboard.settings import HoverboardSettings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveEndpoints
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from tests.deploy.doctor.fake_machine import FakeMachine, workload
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 
 @pytest.mark.parametrize(
@@ -27,6 +28,35 @@ from tests.deploy.doctor.fake_machine import FakeMachine, workload
 def test_how_the_watchdog_is_known(fake: FakeMachine, robot: str | None, text: str) -> None:
     found, *_ = check_drives(fake.machine, workload(fake.root, robot))
     assert (found.verdict, found.found) == (Verdict.GOOD, text)
+
+
+def test_what_a_long_watchdog_leaves_open_is_named_with_and_without_a_guard(fake: FakeMachine) -> None:
+    plain = workload(fake.root, "cart-hoverboard")
+    assert plain.robot is not None
+    assert isinstance(plain.hardware, HoverboardSettings)
+    findings = by_name(list(check_drives(fake.machine, plain)))
+    watchdog, risk = findings["drives' watchdogs"], findings["drives' watchdogs, residual risk"]
+    assert watchdog.found == "815.062 ms, SERIAL_TIMEOUT 160 of its firmware, as the robot file has it"
+    assert risk.verdict is Verdict.WARNING
+    assert risk.found == "815 ms: the guard alone ends a dead node's torque"
+    assert risk.effect == ("a cut cable, an unplugged adapter or a computer that dies leaves the torque on for 815 ms")
+    assert risk.remedy is not None
+    assert "#define SERIAL_TIMEOUT 8" in risk.remedy
+    assert "TANK_STEERING" in (findings["hoverboard firmware"].remedy or "")
+
+    robot, drives = plain.robot, plain.hardware
+
+    def changed(**changes: object) -> dict[str, Finding]:
+        hardware = msgspec.structs.replace(drives, **changes)
+        file = msgspec.structs.replace(robot, hardware=hardware)
+        return by_name(list(check_drives(fake.machine, Workload(plain.logs, plain.log_bytes, file, plain.period_ns))))
+
+    risk = changed(guard="optional")["drives' watchdogs, residual risk"]
+    assert risk.effect is not None
+    assert risk.effect.endswith("and so does a node that dies while no guard runs")
+    assert risk.remedy is not None
+    assert risk.remedy.endswith("; hardware.guard: required")
+    assert "drives' watchdogs, residual risk" not in changed(serial_timeout_cycles=8)
 
 
 @pytest.mark.parametrize(("period_ns", "verdict"), [(13_333_333, Verdict.GOOD), (13_400_000, Verdict.WARNING)])
