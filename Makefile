@@ -85,6 +85,7 @@ boot: $(READY)
 	$(VENV)/bin/python -m pytest -m 'image $(PROOFS)' -s tests/deploy
 
 CARTS := cart-can cart-odrive cart-vesc cart-cia402
+FD_CARTS := cart-moteus
 
 disk: $(READY)
 	$(VENV)/bin/python -m pytest -m 'image and proof' -s --timeout 0 tests/deploy/image/test_disk.py tests/deploy/image/test_disk_station.py
@@ -93,10 +94,15 @@ prove: $(READY) coverage
 	$(VENV)/bin/python -m pytest -m proof --timeout 0 -s
 	$(VENV)/bin/segway-ecc prove inputs
 	for cart in $(CARTS); do $(MAKE) prove-$$cart || exit 1; done
+	for cart in $(FD_CARTS); do $(MAKE) prove-fd-$$cart || exit 1; done
 	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc prove failover $$cart --channel $$cart || exit 1; done
 
 # The case study with one drive family, over the kernel's own CAN; on a simulated clock, so that no load disturbs it.
 SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --no-real-time --out /run/study
+
+# The cards of the second machine carry no CAN FD.
+prove-fd-%: $(READY)
+	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
 
 prove-%: $(READY)
 	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0

@@ -321,9 +321,14 @@ def _lose_watchdog(drives: SimulatedOdrive) -> None:
         axis.watchdog_s = None
 
 
+def _of(release: Release) -> Callable[[OdriveSettings, Link, Port | None], SimulatedOdrive]:
+    return lambda settings, link, port: SimulatedOdrive(link, settings, port, release)
+
+
 SIMULATED: Final[SimulatedDrives[OdriveSettings, SimulatedOdrive]] = SimulatedDrives(
     tick_ns=TICK_NS,
     device=lambda settings, link, port: SimulatedOdrive(link, settings, port),
+    variants={release.value: _of(release) for release in Release},
     press_stop=_press_stop,
     lose_watchdog=_lose_watchdog,
 )
