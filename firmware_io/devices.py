@@ -202,10 +202,10 @@ class WrappedCounter:
 
     __slots__ = ("_half", "_is_resumed", "_last", "_modulus", "total")
 
-    def __init__(self, bits: int) -> None:
-        """Follow a counter of this many bits."""
+    def __init__(self, bits: int, modulus: int | None = None) -> None:
+        """Follow a counter of this many bits, or one that begins anew at an even `modulus`."""
         self.total = 0
-        self._modulus = 1 << bits
+        self._modulus = 1 << bits if modulus is None else modulus
         self._half = self._modulus >> 1
         self._last: int | None = None
         self._is_resumed = False

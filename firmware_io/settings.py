@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal, TypeVar
 import msgspec
 
 from segway_ecc.firmware_io.imus.settings import ImuSettings
-from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
 from segway_ecc.firmware_io.value import Positive, Section
 
 AxisName = Annotated[str, msgspec.Meta(pattern="^[a-z][a-z0-9_]{0,23}$")]
@@ -71,19 +71,45 @@ class WheelSettings(Section, frozen=True, kw_only=True):
         return motor_torque * self.direction * self.gear_ratio
 
 
-class BusSettings(Section, frozen=True, kw_only=True):
-    """How drives are reached.
+class HardwareSettings(Section, frozen=True, kw_only=True):
+    """Drives, on whatever line they are; a family's settings are `BusSettings` or `SerialOnlySettings`.
 
     Attributes:
         watchdog_s: How long a drive waits for a command before it switches its motors off by itself, s.
         ride_through_s: How much longer than otherwise (three of its periods) a device may be silent, s; meanwhile the
             robot goes on with the last values: one that balances on its estimate does not fall for a gap.
         guard: Whether the robot arms only while a guard answers.
-        external_imu: An IMU of its own on the same bus, where there is one.
+        external_imu: An IMU of its own, where there is one.
     """
 
-    can: CanSettings = CanSettings()
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.02, le=0.05)] = 0.05
     ride_through_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.1)] = 0.0
     guard: Literal["required", "optional"] = "optional"
     external_imu: ImuSettings | None = None
+
+    @property
+    def line(self) -> CanSettings | PortSettings:
+        """The line that the drives are on; where they have one to fall back on, the first."""
+        raise NotImplementedError
+
+
+class BusSettings(HardwareSettings, frozen=True, kw_only=True):
+    """Drives on a CAN bus; an IMU of its own is on the same bus. See `HardwareSettings`."""
+
+    can: CanSettings = CanSettings()
+
+    @property
+    def line(self) -> CanSettings:
+        """The bus."""
+        return self.can
+
+
+class SerialOnlySettings(HardwareSettings, frozen=True, kw_only=True):
+    """Drives whose only line is a serial one; see `HardwareSettings`."""
+
+    serial: PortSettings
+
+    @property
+    def line(self) -> PortSettings:
+        """The serial line."""
+        return self.serial

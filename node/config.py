@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.drives.family import drive_family, family_of
 from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family
 from segway_ecc.firmware_io.plugins import DRIVES, entry_points
-from segway_ecc.firmware_io.settings import AxisName, BusSettings, check_axes
+from segway_ecc.firmware_io.settings import AxisName, HardwareSettings, check_axes
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.cycle.mixing import (
     GEOMETRY,
@@ -92,10 +92,13 @@ class SimulationSection(Section, frozen=True, kw_only=True):
         plant: What `load_model` takes.
         parameters: Those other than its defaults, by name in its own units.
         wiring: For each of its ports that has another name than what the drives give it, or measure of it, that signal.
+        drives: Which of their family's releases or kinds the simulated drives are, such as 0.5.4; None for the family's
+            own choice.
     """
 
     plant: str
     parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    drives: str | None = None
     wiring: Mapping[str, str | WiredSignal] = msgspec.field(default_factory=dict)
 
 
@@ -149,7 +152,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     wiring: Mapping[str, str | WiredSignal]
     geometry: GeometrySection = GeometrySection()
     mixing: dict[AxisName, DifferentialMixing] = msgspec.field(default_factory=dict)
-    hardware: NoHardwareSection | BusSettings = NoHardwareSection()
+    hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
     commissioned: Literal["required", "optional"] = "optional"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"

@@ -20,8 +20,8 @@ from segway_ecc.deploy.support.commands import answer_of
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, read_interface_state
 from segway_ecc.firmware_io.links.serial_link import open_serial_port
-from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.cycle.timing import Histogram, Summary
@@ -133,7 +133,7 @@ class Probes:
         """Ask the kernel."""
         return read_interface_state(name)
 
-    def open_port(self, settings: SerialSettings) -> None:
+    def open_port(self, settings: PortSettings) -> None:
         """Open the port as the robot does, and close it."""
         open_serial_port(settings).close()
 
@@ -222,7 +222,7 @@ class Workload:
     period_ns: int = UNNAMED_PERIOD_NS
 
     @property
-    def hardware(self) -> BusSettings | None:
+    def hardware(self) -> HardwareSettings | None:
         """The drives; None where the robot is all model, or none is named."""
         hardware = None if self.robot is None else self.robot.hardware
         return None if isinstance(hardware, NoHardwareSection) else hardware
@@ -230,4 +230,5 @@ class Workload:
     @property
     def needs_socketcan(self) -> bool:
         """Whether the robot's drives are on a CAN interface of the kernel; `auto` means one, too."""
-        return self.hardware is not None and self.hardware.can.interface in {"auto", "socketcan"}
+        line = None if self.hardware is None else self.hardware.line
+        return isinstance(line, CanSettings) and line.interface in {"auto", "socketcan"}

@@ -13,6 +13,7 @@ from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, set_up_o
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.serial_link import open_remedy
 from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.firmware_io.settings import HardwareSettings, SerialOnlySettings
 
 _NETWORK: Final = "/sys/class/net"
 _IS_UP: Final = 1
@@ -24,6 +25,8 @@ _RESTART_MS: Final = 100
 _SIMULATED: Final = "it reaches simulated drives on this machine only"
 _UNKNOWN: Final = "not reported by the driver"
 _CYCLES: Final = 3
+_LONG_WATCHDOG_S: Final = 0.1
+"""A balancing robot whose torque stays as it is for longer than this has fallen."""
 _NUMBERED_AS_FOUND: Final = re.compile(r"/dev/tty(USB|ACM)\d+")
 _TAKEN: Final = (errno.EAGAIN, errno.EBUSY)
 
@@ -41,7 +44,10 @@ def check_can(machine: System, workload: Workload) -> Iterator[Finding]:
     if workload.hardware is None:
         yield good("CAN interface", "this robot is all model and needs none")
         return
-    can = workload.hardware.can
+    can = workload.hardware.line
+    if not isinstance(can, CanSettings):
+        yield good("CAN interface", "this robot's drives are on a serial line alone")
+        return
     name = next(iter(present), "can0") if can.channel == "auto" else can.channel
     if not workload.needs_socketcan:
         found = f"{can.interface} {can.channel}, which is no interface of the kernel"
@@ -140,7 +146,7 @@ def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
         yield good("drives' watchdogs", "no drives" if workload.robot is not None else "no robot is named")
         return
     family = family_of(workload.hardware)
-    seconds, how = family.watchdog(workload.hardware)
+    seconds, how, remedy = family.watchdog(workload.hardware)
     period_s, found = workload.period_ns * 1e-9, f"{seconds * 1e3:g} ms, {how}"
     fits = seconds >= _CYCLES * period_s
     yield graded(
@@ -150,13 +156,31 @@ def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
         "a longer hardware.watchdog_s in the robot file (VESC: timeout_set_s, and VESC Tool), or a faster model",
         fits=fits,
     )
-    if family.to_check is not None:
-        yield warning(*family.to_check(workload.hardware))
+    if seconds > _LONG_WATCHDOG_S:
+        yield _residual(workload.hardware, seconds, remedy)
+    to_check = None if family.to_check is None else family.to_check(workload.hardware)
+    if to_check is not None:
+        yield warning(*to_check)
+
+
+def _residual(hardware: HardwareSettings, seconds: float, remedy: str) -> Finding:
+    """What is left where drives go on for long by themselves, as it is with a guard and without one."""
+    has_guard = hardware.guard == "required"
+    found = "the guard alone ends a dead node's torque" if has_guard else "without a guard nothing does sooner"
+    effect = (
+        f"a cut cable, an unplugged adapter or a computer that dies leaves the torque on for {seconds * 1e3:.0f} ms"
+    )
+    if not has_guard:
+        effect += ", and so does a node that dies while no guard runs"
+        remedy += "; hardware.guard: required"
+    return warning("drives' watchdogs, residual risk", f"{seconds * 1e3:.0f} ms: {found}", effect, remedy)
 
 
 def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:
     """Whether the port of the robot file is there, opens, and will have the same name tomorrow."""
-    settings = None if workload.hardware is None else serial_of(workload.hardware)
+    hardware = workload.hardware
+    only = hardware.serial if isinstance(hardware, SerialOnlySettings) else None
+    settings = only or (None if hardware is None else serial_of(hardware))
     if settings is None:
         yield good("serial line", "none is asked for")
         return
@@ -164,7 +188,8 @@ def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:
     try:
         machine.probes.open_port(settings)
     except OSError as error:
-        grade, effect = bad, "when the bus is lost there is nothing to fall back on"
+        effect = "the drives are out of reach" if only else "when the bus is lost there is nothing to fall back on"
+        grade = bad
         if error.errno in _TAKEN:
             grade, effect = warning, "as it should be while the robot runs; else the robot cannot open it"
         yield grade(title, f"does not open: {error.strerror or error}", effect, open_remedy(settings, error))

@@ -40,17 +40,29 @@ class CanSettings(Section, frozen=True, kw_only=True):
         return (self.data_bitrate or self.bitrate) if self.fd else None
 
 
-class SerialSettings(Section, frozen=True, kw_only=True):
+Baudrate = Annotated[int, msgspec.Meta(ge=9_600, le=12_000_000)]
+
+
+class PortSettings(Section, frozen=True, kw_only=True):
     """A serial line.
 
     Attributes:
         port: A device, or any other URL that pyserial takes.
         baudrate: bit/s on the line, of which one in ten carries a byte.
+    """
+
+    port: str
+    baudrate: Baudrate = 115_200
+
+
+class SerialSettings(PortSettings, frozen=True, kw_only=True):
+    """A serial line to fall back on; see `PortSettings`.
+
+    Attributes:
         lost_after_s: A drive unheard on the bus for longer than this, s, is a reason to pass to this line.
         dwell_s: Shortest time between two changes of lines, s.
     """
 
-    port: str
-    baudrate: Annotated[int, msgspec.Meta(ge=9_600, le=12_000_000)] = 921_600
+    baudrate: Baudrate = 921_600
     lost_after_s: Annotated[float, msgspec.Meta(ge=0.005, le=0.05)] = 0.02
     dwell_s: Annotated[float, msgspec.Meta(ge=0.1, le=60.0)] = 1.0

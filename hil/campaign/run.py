@@ -47,7 +47,7 @@ from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
 REPLAY: Final = "replay: "
 """How the reason begins where a replay was not identical."""
-_AT_ONCE: Final = 16
+_AT_ONCE: Final = 32
 """Runs of one trunk, at most: what that costs is little beside them, and the cores end at about the same time."""
 _ARMED_WITHIN_S: Final = 5.0
 _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "faults", Mode.DISARMED: "disarmed"}
@@ -226,16 +226,17 @@ class _ScenarioBench:
         self.arming_refusal: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
-        self.rig = rig = LockstepRig.of(hardware_of(file).can)
+        self.rig = rig = LockstepRig.of(hardware_of(file))
         self.injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
         self._clock = clock = DisturbedClock(rig, injections)
         clock.on_kill = self._kill
-        self._bus = DisturbedBus(rig.bus.attach("node"), injections, rig.now_ns)
         hardware = hardware_of(file)
+        ends = rig.ends(hardware)
+        self._bus = DisturbedBus(ends.node, injections, rig.now_ns)
         serial = serial_of(hardware)
         self._wires = wires = None if serial is None else SimulatedSerial(serial.baudrate, rig.now_ns)
-        plant_end = DisturbedDevicesLink(rig.bus.attach("plant"), injections, _imu_frames(file))
-        simulated = simulated_robot(file, plant_end, None if wires is None else wires.device)
+        plant_end = DisturbedDevicesLink(ends.devices, injections, _imu_frames(file))
+        simulated = simulated_robot(file, plant_end, ends.port if wires is None else wires.device, ends.imu_port)
         for name, value in settings.parameters:
             if name.startswith(PLANT):
                 simulated.plant.write(name.removeprefix(PLANT), value)

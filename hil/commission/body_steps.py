@@ -5,7 +5,7 @@ import math
 from typing import Final
 
 from segway_ecc.firmware_io.imus.mounting import Mounting
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.commission import mounting
 from segway_ecc.hil.commission.expected import Expected
 from segway_ecc.hil.commission.person import Task
@@ -176,7 +176,7 @@ def _pitch(felt: tuple[float, float, float]) -> float:
     return math.atan2(-felt[0], felt[2])
 
 
-def _declared(hardware: BusSettings | NoHardwareSection) -> Mounting | None:
+def _declared(hardware: HardwareSettings | NoHardwareSection) -> Mounting | None:
     """The mounting in the robot file; None where its IMU has none there."""
     if isinstance(hardware, NoHardwareSection) or hardware.external_imu is None:
         return None

@@ -162,15 +162,16 @@ class SimulatedSite:
             parameters["InitialPitch"] = parameters.get("StopAngle", simulated_plant(self.file).read("StopAngle"))
         section = msgspec.structs.replace(self._section, plant=plant, parameters=parameters)
         file = msgspec.structs.replace(self.file, simulation=section, arming="on_request")
-        rig = LockstepRig.of(hardware_of(file).can)
-        end = rig.bus.attach("plant")
-        simulated = simulated_robot(file, end)
+        rig = LockstepRig.of(hardware_of(file))
+        ends = rig.ends(hardware_of(file))
+        end = ends.devices
+        simulated = simulated_robot(file, end, ends.port, ends.imu_port)
         if self._error is not None:
             simulated.plant = MiswiredPlant(simulated.plant, self._error)
             simulated.outputs = simulated.plant.initialize(simulated.inputs)
             self._take_away(simulated, self._error.lacks)
         rig.attach(simulated)
-        robot = build_robot(file, rig, rig.bus.attach("node"))
+        robot = build_robot(file, rig, ends.node)
         end.open()
         with contextlib.closing(end):
             yield rig, robot, simulated

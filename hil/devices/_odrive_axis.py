@@ -89,6 +89,7 @@ class SimulatedAxis:
         is_calibrated: Whether closed loop is possible at all.
         has_absolute_encoder: Whether it counts from the encoder's zero after power-on, not from where it stands.
         current_limit_a: Largest motor current, A.
+        torque_limit_nm: Largest torque of the motor, N m, whatever its current.
         current_limit_margin_a: How far above that a current disarms the motor, A.
         velocity_limit_rev_s: Speed beyond which torque mode gives less torque.
         velocity_limit_tolerance: How many times that speed is too fast, where `enable_overspeed_error`.
@@ -114,6 +115,7 @@ class SimulatedAxis:
         self.torque_constant = settings.torque_constant or _TORQUE_CONSTANT
         largest = abs(settings.motor_torque(settings.max_torque))
         self.current_limit_a = _MORE_THAN_ASKED * largest / self.torque_constant
+        self.torque_limit_nm = math.inf
         self.current_limit_margin_a = math.inf
         self.velocity_limit_rev_s = math.inf
         self.velocity_limit_tolerance = 1.2
@@ -194,7 +196,7 @@ class SimulatedAxis:
         """Torque of the motor now: nothing unless in closed loop, and without an error."""
         if self.state is not AxisState.CLOSED_LOOP_CONTROL or self.error:
             return 0.0
-        limit, wanted = self.current_limit_a * self.torque_constant, self._wanted()
+        limit, wanted = min(self.current_limit_a * self.torque_constant, self.torque_limit_nm), self._wanted()
         if -limit <= wanted <= limit:  # as in most ticks
             return wanted
         return min(max(wanted, -limit), limit)

@@ -4,7 +4,7 @@
 Sources: CiA 301 for 0x1001, 0x1018, EMCY and abort codes; CiA 402 (IEC 61800-7-201) for modes, 0x6087 and 0x60C2.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -264,6 +264,24 @@ class SimulatedCia402:
             drive.send_telemetry(now_ns, outputs[angle], outputs[velocity], supply)
 
 
+KINDS: Final[Mapping[str, DriveKind]] = {
+    "cyclic": DriveKind(),
+    "all-modes": DriveKind(modes=(1, 3, 4, 8, 9, 10)),
+    "sync-period": DriveKind(needs_sync_period=True),
+    "no-identity": DriveKind(lacks=(0x1018,)),
+    "no-supply": DriveKind(lacks=(_DC_LINK,)),
+    "profile-torque": DriveKind(modes=(PROFILE_TORQUE,)),
+    "silent-refusal": DriveKind(modes=(PROFILE_TORQUE,), lacks=(0x6502,), keeps_mode_silently=True),
+}
+"""By name, for robot files; the last two cannot drive a robot, and are refused with the reason."""
+
+
+def _of(kind: DriveKind) -> Callable[[Cia402Settings, Link, Port | None], SimulatedCia402]:
+    return lambda settings, link, port: SimulatedCia402(link, settings, port, kind)
+
+
 SIMULATED: Final[SimulatedDrives[Cia402Settings, SimulatedCia402]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, link, port: SimulatedCia402(link, settings, port)
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedCia402(link, settings, port),
+    variants={name: _of(kind) for name, kind in KINDS.items()},
 )

@@ -219,8 +219,7 @@ class SimulatedOdrive:
         """When, after a pass now, the next one may change anything; bytes of the serial line come at any time."""
         if self._ascii is not None or any([board.limits_current for board in self.boards]):  # noqa: C419 - a generator takes longer
             return -math.inf
-        left, right = self.axes
-        return min(left.next_ns(now_ns), right.next_ns(now_ns))
+        return min([axis.next_ns(now_ns) for axis in self.axes])
 
     def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
         periods = [(_HEARTBEAT, settings.heartbeat_period_s), (_ESTIMATES, settings.encoder_period_s)]
@@ -322,9 +321,14 @@ def _lose_watchdog(drives: SimulatedOdrive) -> None:
         axis.watchdog_s = None
 
 
+def _of(release: Release) -> Callable[[OdriveSettings, Link, Port | None], SimulatedOdrive]:
+    return lambda settings, link, port: SimulatedOdrive(link, settings, port, release)
+
+
 SIMULATED: Final[SimulatedDrives[OdriveSettings, SimulatedOdrive]] = SimulatedDrives(
     tick_ns=TICK_NS,
     device=lambda settings, link, port: SimulatedOdrive(link, settings, port),
+    variants={release.value: _of(release) for release in Release},
     press_stop=_press_stop,
     lose_watchdog=_lose_watchdog,
 )

@@ -7,8 +7,9 @@ voltage; the modes that the driver does not use follow their targets proportiona
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
 
 from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.vesc.frames import (
@@ -228,6 +229,15 @@ class Controller:
 _SET_BY_PACKET: Final = {int(packet): command for command, packet in SET_PACKETS.items()}
 
 
+_VARIANTS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "6.05": {},
+    "5.02": {"version": (5, 2), "answers_configuration": False},
+    "weak": {"max_current": 1.0},
+}
+"""By name, for robot files. The configuration of 5.02 has another layout, which is not simulated, nor asked for; one
+that is weak has a motor current set that is too small, so that the robot is not armed."""
+
+
 class SimulatedVesc:
     """All controllers; see `Device`. A test may break the bus between them; unusable frames are counted.
 
@@ -239,8 +249,7 @@ class SimulatedVesc:
         self, link: Link, settings: VescSettings, port: Port | None = None, firmware: Firmware | None = None
     ) -> None:
         """Switch the controllers on, set up by `settings` where no `firmware` is given."""
-        rate_hz = settings.status_rate_hz
-        used = firmware or Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
+        used = firmware or _set_up(settings)
         self.inputs: Sequence[str] = [f"{name}.torque" for name in settings.axes]
         self.needs: Sequence[str] = [f"{name}.{value}" for name in settings.axes for value in ("angle", "velocity")]
         self.controllers = {name: Controller(wheel, used) for name, wheel in settings.axes.items()}
@@ -302,7 +311,7 @@ class SimulatedVesc:
             if packet[0] in (Comm.GET_VALUES, Comm.GET_VALUES_SELECTIVE):
                 return controller.reply(packet)
             if packet[0] == Comm.FW_VERSION:
-                return version_reply(controller.controller_id)
+                return version_reply(controller.controller_id, controller.firmware.version)
             if packet[0] == Comm.GET_MCCONF:
                 return configuration_reply(controller.firmware) if controller.firmware.answers_configuration else None
             if packet[0] in _SET_BY_PACKET:
@@ -331,6 +340,18 @@ class SimulatedVesc:
             self._link.send(frame)
 
 
+def _set_up(settings: VescSettings) -> Firmware:
+    """A controller as the settings of a robot file want it."""
+    rate_hz = settings.status_rate_hz
+    return Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
+
+
+def _of(changes: Mapping[str, Any]) -> Callable[[VescSettings, Link, Port | None], SimulatedVesc]:
+    return lambda settings, link, port: SimulatedVesc(link, settings, port, replace(_set_up(settings), **changes))
+
+
 SIMULATED: Final[SimulatedDrives[VescSettings, SimulatedVesc]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, link, port: SimulatedVesc(link, settings, port)
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedVesc(link, settings, port),
+    variants={name: _of(changes) for name, changes in _VARIANTS.items()},
 )

@@ -101,6 +101,6 @@ class SimulatedXsensMti:
 
 
 SIMULATED: Final[SimulatedImu[XsensMtiSettings]] = SimulatedImu(
-    device=lambda settings, link: SimulatedXsensMti(link, settings),
+    device=lambda settings, link, _port: SimulatedXsensMti(link, settings),
     frames=lambda settings: [settings.key(message) for message in _SENT],
 )

@@ -4,7 +4,7 @@
 Each line is answered with when it took effect.
 
     mute                the drives receive, and what they send is lost
-    cut                 nothing passes on the bus either way; a serial line goes on
+    cut                 nothing passes on the bus either way; a serial line to fall back on goes on
     freeze WHAT         measured values that begin with WHAT, such as left, imu or left.velocity, stay as they are
     add WHAT AMOUNT     measured values that begin with WHAT are too large by AMOUNT, in their unit
     heal                undo all of the above
@@ -25,6 +25,7 @@ from typing import IO, Final, Literal, NamedTuple
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import Trace
@@ -59,6 +60,34 @@ class DisturbedLink(LinkFront):
                 return []
             raise
         return [] if self.disturbance == "cut" else frames
+
+
+class DisturbedPort:
+    """The drives' end of a serial line in place of a bus, disturbed as that would be; see `Port`."""
+
+    def __init__(self, behind: Port, link: DisturbedLink) -> None:
+        """Lose bytes of the port behind, whenever `link` loses frames."""
+        self._behind = behind
+        self._link = link
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have arrived; what arrives at a cut cable is gone."""
+        if self._link.disturbance == "cut":
+            self._behind.read(self._behind.in_waiting)
+        return self._behind.in_waiting
+
+    def read(self, size: int, /) -> bytes:
+        """Take up to `size` bytes."""
+        return self._behind.read(size)
+
+    def write(self, data: bytes, /) -> int | None:
+        """Queue bytes, or lose them."""
+        return self._behind.write(data) if self._link.disturbance is None else len(data)
+
+    def close(self) -> None:
+        """Close the port behind."""
+        self._behind.close()
 
 
 class PlantControl:

@@ -183,6 +183,8 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
 }
 """Every fault there is, and what it does."""
 
+IMU_SIGNALS: Final = tuple(f"{kind}_{axis}" for kind in ("angular_velocity", "linear_acceleration") for axis in "xyz")
+"""What an IMU measures."""
 _ACT_AHEAD: Final = {
     *((target, "delayed") for target in ("imu", "encoder", "left_motor", "right_motor", "stranger")),
     ("can", "wrong"),
@@ -212,7 +214,7 @@ class Fault(Section, frozen=True, kw_only=True):
         amount: How much; see `KINDS`. None for what stands there.
         every_s: It comes again each time after so long, s; None for once.
         since: What `at_s` counts from: when the robot was armed, or when it was switched on.
-        name: The variable that is written; of a parameter only.
+        name: The variable that is written, of a parameter; of an IMU that is wrong the signal that alone is.
     """
 
     target: Target
@@ -238,8 +240,11 @@ class Fault(Section, frozen=True, kw_only=True):
             raise ValueError(f"for_s has no meaning where {self.target} is {self.type}: leave it out")
         if self.every_s is not None and (self.for_s is None or self.for_s >= self.every_s):
             raise ValueError("every_s needs a for_s that is shorter")
-        if (self.name is not None) != (self.target == "parameter"):
-            raise ValueError("name is that of a parameter: a parameter needs one, and nothing else has one")
+        if self.target == "imu" and self.type == "wrong":
+            if self.name not in {None, *IMU_SIGNALS}:
+                raise ValueError(f"name of an IMU's fault is one of {', '.join(IMU_SIGNALS)}, not '{self.name}'")
+        elif (self.name is not None) != (self.target == "parameter"):
+            raise ValueError("name is that of a parameter: a parameter needs one; an IMU that is wrong may have one")
 
     @property
     def acts_ahead(self) -> bool:

@@ -87,6 +87,8 @@ class _Disturbance:
         names = [v.name for v in variables]
         if fault.type == "swapped" and fault.target != "imu":
             prefixes = _PREFIXES["battery"]
+        elif fault.name is not None:
+            prefixes = (f"imu.{fault.name}",)
         else:
             prefixes = _PREFIXES[fault.target]
         self._places = [place for place, name in enumerate(names) if name.startswith(prefixes)]

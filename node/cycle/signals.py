@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The names of the robot's signals, and which of them it publishes."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Final
 
 SETPOINT_SIGNALS: Final = ("setpoint.linear_velocity", "setpoint.angular_velocity")
@@ -47,6 +47,13 @@ def joint_signals(signals: Iterable[str]) -> tuple[str, ...]:
     return (*(f"{axis}.angle" for axis in axes), *(f"{axis}.velocity" for axis in axes))
 
 
-def published_signals(signals: Iterable[str]) -> tuple[str, ...]:
+def effort_signals(signals: Collection[str]) -> tuple[str, ...]:
+    """The torques of the same axes, where all of them are measured: N m."""
+    joints = joint_signals(signals)
+    efforts = tuple(f"{joint.rpartition('.')[0]}.torque" for joint in joints[: len(joints) // 2])
+    return efforts if all(effort in signals for effort in efforts) else ()
+
+
+def published_signals(signals: Collection[str]) -> tuple[str, ...]:
     """What a robot can publish whose hardware measures `signals`."""
-    return (*ODOMETRY_SIGNALS, *joint_signals(signals), *IMU_SIGNALS, SUPPLY_SIGNAL)
+    return (*ODOMETRY_SIGNALS, *joint_signals(signals), *IMU_SIGNALS, SUPPLY_SIGNAL, *effort_signals(signals))

@@ -52,15 +52,15 @@ def test_every_family_of_ours_is_registered_with_its_simulated_drives(group: str
 
 @pytest.mark.parametrize("group", [IMUS, SIMULATED_IMUS])
 def test_every_imu_of_ours_is_registered_with_its_simulated_one(group: str) -> None:
-    assert [point.name for point in entry_points(group)] == ["xsens_mti"]
+    assert sorted(point.name for point in entry_points(group)) == ["icm42688_bridge", "xsens_mti"]
 
 
 def test_an_unknown_drive_family_is_refused_in_a_line_that_lists_what_is_installed() -> None:
     with pytest.raises(ConfigurationError) as caught:
         decode_robot(BASE + "hardware: {type: sail}", "r.yaml")
     assert (
-        str(caught.value)
-        == "r.yaml: there is no drive family 'sail'; installed are cia402, moteus, odrive, vesc, wheel_board"
+        str(caught.value) == "r.yaml: there is no drive family 'sail'; installed are "
+        "cia402, hoverboard, moteus, odrive, vesc, wheel_board"
     )
 
 
@@ -72,7 +72,7 @@ def test_a_type_that_is_no_text_is_refused() -> None:
 def test_an_unknown_imu_is_refused_in_a_line_that_lists_what_is_installed() -> None:
     with pytest.raises(ConfigurationError) as caught:
         decode_robot(BASE + "hardware: {type: odrive, external_imu: {type: nose}}", "r.yaml")
-    assert str(caught.value) == "r.yaml: there is no IMU 'nose'; installed are xsens_mti"
+    assert str(caught.value) == "r.yaml: there is no IMU 'nose'; installed are icm42688_bridge, xsens_mti"
 
 
 def test_an_imu_may_be_named_or_left_to_the_default() -> None:
@@ -163,7 +163,9 @@ def test_verbs_that_cannot_be_imported_are_named_and_end_no_others(
     assert capsys.readouterr().err == f"segway-ecc: the package of verbs {reason}\n"
 
 
-@pytest.mark.parametrize("robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus"])
+@pytest.mark.parametrize(
+    "robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-hoverboard", "cart-moteus"]
+)
 def test_a_robot_is_read_without_the_families_that_it_does_not_have(robot: str) -> None:
     family = {"cart-can": "wheel_board"}.get(robot, robot.removeprefix("cart-"))
     code = (

@@ -20,8 +20,8 @@ from segway_ecc.node.safety.settings import StationSettings
 from segway_ecc.testing import ScriptedClock
 
 PACKAGED = (
-    "the packaged robots are arm, cart, cart-can, cart-cia402, cart-moteus, cart-odrive, cart-vesc, pan-tilt, segway, "
-    "segway-moteus, segway-odrive, skid-steer"
+    "the packaged robots are arm, cart, cart-can, cart-cia402, cart-hoverboard, cart-moteus, cart-odrive, cart-vesc, "
+    "pan-tilt, segway, segway-hoverboard, segway-moteus, segway-odrive, skid-steer"
 )
 BASE = "name: cart\nmodel: {source: 'segway_ecc.node.models.cart:Cart'}\nwiring: {}\n"
 
@@ -36,8 +36,9 @@ def refusal(text: str) -> str:
 
 
 def test_the_packaged_robots_are_the_cart_and_the_segway_on_the_drive_families_and_one_of_each_kind() -> None:
-    carts = ["cart", "cart-can", "cart-cia402", "cart-moteus", "cart-odrive", "cart-vesc"]
-    assert packaged_robots() == ["arm", *carts, "pan-tilt", "segway", "segway-moteus", "segway-odrive", "skid-steer"]
+    carts = ["cart", "cart-can", "cart-cia402", "cart-hoverboard", "cart-moteus", "cart-odrive", "cart-vesc"]
+    segways = ["segway", "segway-hoverboard", "segway-moteus", "segway-odrive"]
+    assert packaged_robots() == ["arm", *carts, "pan-tilt", *segways, "skid-steer"]
 
 
 @pytest.mark.parametrize("name", packaged_robots())
@@ -49,7 +50,7 @@ def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -
     assert robot.model.name.startswith(("cart", "segway", "arm", "pan-tilt", "skid-steer"))
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
+@pytest.mark.parametrize("name", ["segway", "segway-hoverboard", "segway-odrive", "segway-moteus"])
 def test_the_packaged_segways_sit_down_without_their_base_station_and_no_cart_does(name: str) -> None:
     sits = StationSettings(timeout_s=1.0, sit_down_after_s=10.0, sit_down={"stand": 0.0}, disarm_after_s=16.0)
     assert load_robot(name).station == sits
@@ -114,13 +115,13 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "hardware: {type: sail}",
-            "there is no drive family 'sail'; installed are cia402, moteus, odrive, vesc, wheel_board",
+            "there is no drive family 'sail'; installed are cia402, hoverboard, moteus, odrive, vesc, wheel_board",
             id="wrong tag",
         ),
         pytest.param(
             BASE + "hardware: {can: {}}",
-            "Object missing required field `type` at hardware; allowed is cia402, moteus, none, odrive, vesc, "
-            "wheel_board",
+            "Object missing required field `type` at hardware; "
+            "allowed is cia402, hoverboard, moteus, none, odrive, vesc, wheel_board",
             id="no tag",
         ),
         pytest.param(

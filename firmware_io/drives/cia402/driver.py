@@ -18,6 +18,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive, wheel_signals
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.link import Frame, Link
 
@@ -162,6 +163,11 @@ class Cia402Drives(PhasedDrive):
             lost = (f"the {w.name} drive left its motor: {w.state or 'unknown'}" for w in self._wheels if not w.follows)
             return (*faults, *lost)
         return faults
+
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """The rated torques that were read while the drives were set up; see `ReportsSettings`."""
+        return [reading for wheel in self._wheels for reading in wheel.readings]
 
     @property
     def health(self) -> Mapping[str, str]:

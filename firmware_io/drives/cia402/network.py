@@ -38,9 +38,11 @@ _VARIABLES: Final = {
     0x6064: ("position actual value", INTEGER32),
     0x606C: ("velocity actual value", INTEGER32),
     0x6071: ("target torque", INTEGER16),
+    0x6072: ("max torque", UNSIGNED16),
     0x6076: ("motor rated torque", UNSIGNED32),
     0x6077: ("torque actual value", INTEGER16),
     0x6079: ("DC link circuit voltage", UNSIGNED32),
+    0x6080: ("max motor speed", UNSIGNED32),
     0x6502: ("supported drive modes", UNSIGNED32),
 }
 _PDO_COMMUNICATION: Final = {

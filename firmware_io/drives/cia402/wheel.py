@@ -29,6 +29,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
 from segway_ecc.firmware_io.drives.cia402.limits import Identity
 from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.enabling import Enabling
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, NowNs
 
@@ -113,6 +114,8 @@ class Cia402Wheel:
 
     Attributes:
         rated_torque: The rated torque of its motor, N m; None until it is set up.
+        max_torque: The largest that it lets its motor give (0x6072), N m; None where it does not say.
+        max_speed_rpm: The fastest that it lets its motor turn (0x6080), rpm; None where it does not say.
         identity: What it is; None until it is set up.
         trouble: Why it is not set up; None where it is.
         state: The state in its statusword; None before the first, or for one the profile does not know.
@@ -127,6 +130,8 @@ class Cia402Wheel:
         self.name = name
         self.node_id = settings.node_id
         self.rated_torque: float | None = None
+        self.max_torque: float | None = None
+        self.max_speed_rpm: float | None = None
         self.identity: Identity | None = None
         self.trouble: str | None = "it has not been set up"
         self.restoring = Restoring((), now_ns)
@@ -252,6 +257,18 @@ class Cia402Wheel:
             return [f"{drive} does not answer on {where}; is it powered and on this bus?"]
         silent = self._stale if self.is_operational else f"{drive} is not operational: {self._nmt_name}"
         return [] if silent is None else [f"{silent}; try again in a second, or switch it off and on"]
+
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """What was read of its limits while it was set up."""
+        if self.rated_torque is None:
+            return []
+        own = [DriveReading(f"{self.name}_rated_torque_n_m", self.rated_torque, "N m")]
+        if self.max_torque is not None:
+            own.append(DriveReading(f"{self.name}_max_torque_n_m", self.max_torque, "N m"))
+        if self.max_speed_rpm is not None:
+            own.append(DriveReading(f"{self.name}_max_speed_rpm", self.max_speed_rpm, "rpm"))
+        return own
 
     @property
     def health(self) -> Mapping[str, str]:

@@ -36,8 +36,12 @@ class FirmwareSearch:
         unconfirmed: Answers that were discarded, since the next one was another.
     """
 
-    def __init__(self, configured: str) -> None:
-        """Take the configured value: a firmware, or `auto`."""
+    def __init__(self, configured: str, *, needs_release: bool = False) -> None:
+        """Take the configured value: a firmware, or `auto`.
+
+        `needs_release` has a drive of 0.6 asked for its release even where its firmware is known.
+        """
+        self._needs_release = needs_release
         self.found = None if configured == "auto" else Firmware(configured)
         self.unconfirmed = 0
         self._configured = self.found
@@ -51,7 +55,7 @@ class FirmwareSearch:
 
     def should_ask(self, now_ns: int) -> bool:
         """Whether to send the request for the version now; it then counts as sent."""
-        if self.found is not None and not self._is_doubted(now_ns):
+        if self.found is not None and not (self._is_release_wanted or self._is_doubted(now_ns)):
             return False
         period_ns = _ASK_EVERY_NS if self._heard is None else _CONFIRM_EVERY_NS
         if self._first_asked_ns is not None and now_ns - self._asked_ns < period_ns:
@@ -86,6 +90,11 @@ class FirmwareSearch:
             self.unconfirmed += self._heard is not None
             self._heard = None
 
+    def forget_release(self) -> None:
+        """The drive may be another one: where its release matters it is asked again."""
+        if self._needs_release:
+            self.version = self._heard = None
+
     @property
     def mismatch(self) -> str | None:
         """What speaks against the firmware that the robot file names; None where nothing does."""
@@ -98,6 +107,10 @@ class FirmwareSearch:
         if version is None:
             return str(self.found or "unknown")
         return f"{version.firmware_major}.{version.firmware_minor}.{version.firmware_revision}"
+
+    @property
+    def _is_release_wanted(self) -> bool:
+        return self._needs_release and self.found is Firmware.V0_6 and self.version is None
 
     def _is_doubted(self, now_ns: int) -> bool:
         """Whether to ask about an answer that differs from what is known; one that nothing confirms is discarded."""

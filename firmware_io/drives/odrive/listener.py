@@ -34,6 +34,8 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
     motor_motion,
 )
 from segway_ecc.firmware_io.drives.odrive.messages import AxisState
+from segway_ecc.firmware_io.drives.odrive.own_settings import OwnSettings
+from segway_ecc.firmware_io.drives.odrive.sdo import TX_SDO, settings_reading
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, NowNs
@@ -54,7 +56,7 @@ _SHOWN_IN_HEALTH: Final[Mapping[type[Any], str]] = {
 }
 _NOT_CALIBRATED: Final = 14
 """Result of a procedure (`ProcedureResult` in the firmware of 0.6)."""
-_COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
+_COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, TX_SDO, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
 """Those that carry what is used here, in one firmware or the other."""
 
 
@@ -169,6 +171,8 @@ class AxisListener:
         fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
         origin: What the estimates show of the motor.
         causes: What is behind its errors.
+        own: What it is set to, as far as that is read.
+        reading: How that is read; None where no line allows it.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
@@ -178,7 +182,7 @@ class AxisListener:
         self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if is_first else {})
         self._wheel_signals = (f"{name}.angle", f"{name}.velocity")
         self._wheel = settings.axes[name]
-        self.search = FirmwareSearch(settings.firmware)
+        self.search = FirmwareSearch(settings.firmware, needs_release=settings.endpoints is not None)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # A cycle more, since what comes over a serial line is read up to one cycle late.
         self.proof = WatchdogProof(round((settings.watchdog_s + beat_s + loop_period_s) * 1e9))
@@ -201,6 +205,8 @@ class AxisListener:
         self._beat_ns: int | None = None
         self.origin = WheelOrigin()
         self.causes = ErrorCauses()
+        self.own = OwnSettings(name, settings)
+        self.reading = settings_reading(name, settings, self.own)
         self._torque = 0.0
         self._supply = 0.0
         self._newest: dict[type[Any], Any] = {}
@@ -210,10 +216,12 @@ class AxisListener:
         command = self._commands.get((frame.arbitration_id, frame.is_extended))  # type: ignore[call-overload]  # as equal
         if command is None:
             return False
-        firmware = self._meaning(command)
-        if firmware is None or command not in LAYOUTS[firmware]:
-            return False  # what it means is not known yet, or nothing that is used here
         try:
+            if command == TX_SDO:
+                return self._take_setting(frame.data)
+            firmware = self._meaning(command)
+            if firmware is None or command not in LAYOUTS[firmware]:
+                return False  # what it means is not known yet, or nothing that is used here
             message = decode(firmware, frame.arbitration_id, frame.data)
         except FrameRefusedError as error:
             self.refused[error.refusal] += 1
@@ -272,10 +280,17 @@ class AxisListener:
             "firmware": str(self.search),
             "unconfirmed_versions": str(self.search.unconfirmed),
             **self.fresh.health,
+            **{f"own.{reading.name}": f"{reading.value:g}" for reading in self.own.readings},
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
             "angle_resolution_rad": f"{abs(self._wheel.wheel(angle_resolution(self.origin.estimates))):.1e}",
             **newest,
         }
+
+    def _take_setting(self, data: bytes) -> bool:
+        if self.reading is None:
+            return False
+        self.reading.take(data)
+        return True
 
     def _meaning(self, command: int) -> Firmware | None:
         """Whose meaning a command has; heartbeat and estimates are alike as far as they are used."""
@@ -295,10 +310,7 @@ class AxisListener:
                 self.origin.take(message, zeros_measure=self.search.found is Firmware.V0_6)
                 self.fresh.mark("estimates", received_ns)
             case m.Version():
-                before = self.search.found
-                self.search.answer(message)
-                if self.search.found is not before:
-                    self.proof.reset()
+                self._take_version(message)
             case m.MotorError() | m.EncoderError() | m.ControllerError() | m.Errors():
                 self.causes.take(message)
             case m.Torques():
@@ -311,6 +323,14 @@ class AxisListener:
         if type(message) in _SHOWN_IN_HEALTH:
             self._newest[type(message)] = message
 
+    def _take_version(self, version: m.Version) -> None:
+        before = self.search.found
+        self.search.answer(version)
+        if self.search.found is not before:
+            self.proof.reset()
+        if self.reading is not None and self.search.version is not None:
+            self.reading.note_version(self.search.version)
+
     def _take_heartbeat(self, error: int, state: int, received_ns: int) -> None:
         self.error, self.state = error, state
         self.gap_ns = 0 if self._beat_ns is None else received_ns - self._beat_ns
@@ -318,6 +338,9 @@ class AxisListener:
             # It may have been switched off and on, with another configuration.
             self.proof.reset()
             self.origin.is_connected = False
+            self.search.forget_release()
+            if self.reading is not None:
+                self.reading.reset()
         self._beat_ns = received_ns
         self.fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)

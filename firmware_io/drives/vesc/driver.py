@@ -18,6 +18,7 @@ from segway_ecc.firmware_io.devices import (
     with_one_more,
 )
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive, wheel_signals
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.drives.vesc.condition import (
     FAULT,
     FLAGS,
@@ -228,6 +229,19 @@ class Vesc(PhasedDrive):
         if stale and self.is_enabled:
             return tuple(f"{kind} of {self._title} is too old: {age * 1e3:.0f} ms" for kind, age in stale)
         return ()
+
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """The currents that the controller allows; see `ReportsSettings`."""
+        limits = self._limits.limits
+        if limits is None:
+            return ()
+        return (
+            DriveReading(f"{self.name}_least_current_a", limits.motor_min, "A"),
+            DriveReading(f"{self.name}_most_current_a", limits.motor_max, "A"),
+            DriveReading(f"{self.name}_least_input_current_a", limits.input_min, "A"),
+            DriveReading(f"{self.name}_most_input_current_a", limits.input_max, "A"),
+        )
 
     @property
     def health(self) -> Mapping[str, str]:

@@ -23,7 +23,9 @@ from segway_ecc.node.config import load_robot
 
 
 @pytest.mark.parametrize("aspect", CONFORMANCE_ASPECTS)
-@pytest.mark.parametrize("robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus"])
+@pytest.mark.parametrize(
+    "robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-hoverboard", "cart-moteus"]
+)
 def test_our_families_conform(robot: str, aspect: str) -> None:
     settings = hardware_of(load_robot(robot))
     check_conformance(aspect, family_of(settings), simulated_drives(settings), settings)

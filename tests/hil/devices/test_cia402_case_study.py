@@ -33,7 +33,7 @@ class Rig:
 
     def __init__(self) -> None:
         file = load_robot(ROBOT)
-        self.rig = LockstepRig.of(hardware_of(file).can)
+        self.rig = LockstepRig.of(hardware_of(file))
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.hardware: Any = build_robot(file, self.rig, self.rig.bus.attach("node")).hardware
@@ -126,7 +126,7 @@ def test_a_drive_that_restarts_while_armed_is_a_fault(rig: Rig) -> None:
 
 def test_drives_that_are_switched_on_after_the_node_refuse_arming() -> None:
     file = load_robot(ROBOT)
-    rig = LockstepRig.of(hardware_of(file).can)
+    rig = LockstepRig.of(hardware_of(file))
     hardware: Any = build_robot(file, rig, rig.bus.attach("node")).hardware
     hardware.open()
     (drives,) = hardware._drives

@@ -32,7 +32,7 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         file = load_robot(name)
-        self.rig = LockstepRig.of(hardware_of(file).can)
+        self.rig = LockstepRig.of(hardware_of(file))
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.link = FaultyLink(self.rig.bus.attach("node"))

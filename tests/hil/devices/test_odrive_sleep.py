@@ -13,7 +13,8 @@ import pytest
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.odrive import SimulatedOdrive
-from tests.hil.devices.odrive_bench import CLOSED, IDLE, MS, MemoryPort, Recorder, clear, mode, state, torque
+from tests.hil.devices.odrive_bench import CLOSED, IDLE, MS, MemoryPort, clear, mode, state, torque
+from tests.recording_link import RecordingLink
 
 
 class Side:
@@ -22,8 +23,8 @@ class Side:
     def __init__(self, firmware: str, *, sleeps: bool, port: MemoryPort | None = None) -> None:
         wheel = {"node_id": 0, "axis": 0, "max_torque": 4.0, "torque_constant": 0.5}
         right = {**wheel, "node_id": 1, "axis": 1, "direction": -1}
-        described: dict[str, Any] = {"type": "odrive", "firmware": firmware, "left": wheel, "right": right}
-        self.link = Recorder()
+        described: dict[str, Any] = {"type": "odrive", "firmware": firmware, "axes": {"left": wheel, "right": right}}
+        self.link = RecordingLink()
         self.device = SimulatedOdrive(self.link, msgspec.convert(described, OdriveSettings), port)
         self.passes = 0
         self.torques: Sequence[float] = ()

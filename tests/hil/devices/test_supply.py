@@ -21,14 +21,15 @@ class Bench:
 
     def __init__(self, name: str, device: type[SimulatedCia402] | None = None, **options: Any) -> None:
         file: RobotFile = load_robot(name)
-        self.rig = LockstepRig.of(hardware_of(file).can)
-        end = self.rig.bus.attach("plant")
-        self.robot = simulated_robot(file, end)
+        self.rig = LockstepRig.of(hardware_of(file))
+        ends = self.rig.ends(hardware_of(file))
+        end = ends.devices
+        self.robot = simulated_robot(file, end, ends.port)
         if device is not None:
             drives = device(end, file.hardware, **options)  # type: ignore[arg-type]  # whose settings the file has
             self.robot = SimulatedRobot(end, [drives], self.robot.plant, self.robot.tick_ns)
         self.rig.attach(self.robot)
-        self.hardware: Any = build_robot(file, self.rig, self.rig.bus.attach("node")).hardware
+        self.hardware: Any = build_robot(file, self.rig, ends.node).hardware
         self.place = list(self.hardware.signals).index("supply.voltage")
         self.hardware.open()
 

@@ -32,7 +32,7 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         file = load_robot(name)
-        rig = LockstepRig(hardware_of(file).can.bitrate)
+        rig = LockstepRig.of(hardware_of(file))
         self.link, plant_link = FaultyLink(rig.bus.attach("node")), rig.bus.attach("plant")
         self.simulated = simulated_robot(file, plant_link)
         rig.attach(self.simulated)

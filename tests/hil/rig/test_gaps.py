@@ -44,7 +44,7 @@ def run(name: str, gap_ms: int, ride_through_s: float | None = None) -> tuple[Lo
     file = load_robot(name)
     if ride_through_s is not None:
         file = replace(file, hardware=replace(file.hardware, ride_through_s=ride_through_s))
-    rig = LockstepRig.of(hardware_of(file).can)
+    rig = LockstepRig.of(hardware_of(file))
     plant = simulated_robot(file, rig.bus.attach("plant"))
     link = FaultyLink(rig.bus.attach("node"))
     robot = build_robot(file, rig, link)

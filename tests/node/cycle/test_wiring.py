@@ -89,6 +89,14 @@ def test_what_is_published_keeps_its_order_whatever_that_of_the_file(hardware: R
     assert published == [signal for signal in published_signals(hardware.signals) if signal in published]
 
 
+def test_torques_are_published_where_the_drive_of_every_axis_measures_them() -> None:
+    axes = ("pan", "tilt")
+    signals = [f"{axis}.{value}" for axis in axes for value in ("angle", "velocity", "torque")]
+    joints = ("pan.angle", "tilt.angle", "pan.velocity", "tilt.velocity")
+    assert published_signals(signals)[5:] == (*joints, *published_signals(())[9:], "pan.torque", "tilt.torque")
+    assert published_signals(signals[:-1])[5:] == (*joints, *published_signals(())[9:])
+
+
 def test_an_imu_is_published_whether_or_not_the_model_takes_it() -> None:
     names = [f"imu.{quantity}_{axis}" for quantity in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
     signals = dict.fromkeys([*reversed(names), "left.velocity", "right.velocity"], "")

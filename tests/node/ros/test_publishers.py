@@ -89,6 +89,16 @@ def test_the_joints_of_all_axes_are_published_by_their_names() -> None:
     assert (list(joints.position), list(joints.velocity)) == ([1.0, 2.0], [3.0, 4.0])
 
 
+@pytest.mark.parametrize(("torque", "expected"), [(6.0, [5.0, 6.0]), (math.nan, [])])
+def test_joints_carry_the_torques_where_all_are_measured(torque: float, expected: list[float]) -> None:
+    node = Node()
+    signals = ["left.angle", "right.angle", "left.velocity", "right.velocity", "left.torque", "right.torque"]
+    for topic in make_publishers(node, RosSection(), signals):
+        topic.publish(report(STAMP_NS, [1.0, 2.0, 3.0, 4.0, 5.0, torque]))
+    joints = node.sent["joint_states"]
+    assert (list(joints.velocity), list(joints.effort)) == ([3.0, 4.0], expected)
+
+
 def battery(measured: list[tuple[int, float]]) -> list[Any]:
     """What a robot publishes of its battery when these voltages are measured at these stamps, ns."""
     sent: list[Any] = []

@@ -98,7 +98,7 @@ def test_refused_mode_is_named_with_those_that_the_drive_offers(memory: Any, net
 
 
 @pytest.mark.parametrize(
-    ("last_answered", "message"), [(0x6076, "6502:00 cannot be read"), (0x6502, "6060:00 cannot be written")]
+    ("last_answered", "message"), [(0x6076, "6072:00 cannot be read"), (0x6502, "6060:00 cannot be written")]
 )
 def test_drive_that_falls_silent_at_its_mode_is_reported_as_silent(
     memory: Any, network: LinkNetwork, last_answered: int, message: str

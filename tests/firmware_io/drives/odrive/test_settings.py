@@ -15,6 +15,7 @@ axes:
   left: {node_id: 3, max_torque: 2.5}
   right: {node_id: 4, max_torque: 2.5, direction: -1}
 """
+ENDPOINTS = {"firmware": "0.6.10", "hardware": "4.4.58", "ids": {"config.dc_max_negative_current": 145}}
 WHEEL = {"node_id": 5, "max_torque": 1.0}
 
 
@@ -47,6 +48,10 @@ def test_optional_settings_have_defaults() -> None:
         ({"serial": {"port": "/dev/x", "baudrate": 115_200}}, "serial.baudrate must be 460800 or more"),
         ({"axes": {"pan": WHEEL}, "serial": {"port": "/dev/x"}}, "serial reaches both axes of one board"),
         ({"wheels": 2}, "unknown field `wheels`"),
+        ({"endpoints": ENDPOINTS}, "endpoints are of firmware 0.6: set firmware to '0.6'"),
+        ({"firmware": "0.6", "endpoints": {**ENDPOINTS, "ids": {}}}, "length >= 1"),
+        ({"firmware": "0.6", "endpoints": {**ENDPOINTS, "ids": {"ibus": 2}}}, "ids has 'ibus'; what is compared are"),
+        ({"firmware": "0.6", "endpoints": {**ENDPOINTS, "firmware": "0.6"}}, "matching regex"),
     ],
 )
 def test_what_cannot_be_is_refused(configure: Configure, changes: dict[str, Any], message: str) -> None:
