@@ -33,11 +33,11 @@ def test_our_families_conform(robot: str, aspect: str) -> None:
 
 @pytest.mark.parametrize("aspect", CONFORMANCE_ASPECTS)
 @pytest.mark.parametrize("names", [("pan",), ("base", "elbow", "wrist", "grip")], ids=len)
-@pytest.mark.parametrize("robot", ["cart-odrive", "cart-vesc", "cart-cia402"])
+@pytest.mark.parametrize("robot", ["cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus"])
 def test_our_families_conform_with_any_number_of_axes(robot: str, names: Sequence[str], aspect: str) -> None:
     settings: Any = hardware_of(load_robot(robot))
     left, right = settings.axes.values()
-    number = "controller_id" if robot == "cart-vesc" else "node_id"
+    number = {"cart-vesc": "controller_id", "cart-moteus": "servo_id"}.get(robot, "node_id")
     axes = {name: msgspec.structs.replace(right if n % 2 else left, **{number: n + 1}) for n, name in enumerate(names)}
     can = msgspec.structs.replace(settings.can, bitrate=1_000_000)
     settings = msgspec.structs.replace(settings, axes=axes, can=can)
