@@ -1,4 +1,5 @@
 # make run     set up, run the case study in every seat, and write its report
+# make demo    set up, and show a simulated segway in the browser, to see, push and break; Ctrl-C ends it
 # make test    set up, lint, check types, run the tests
 # make test-real-time those that run robots in real time, one at a time; what they show is shown in simulated time by make test
 # make test-variants  what make test shows once, with every other model, compiler, fault and screen
@@ -21,10 +22,13 @@ VARIANTS := variant and not proof and not image
 # Where the environment forbids bytecode, each process that a test starts compiles all it imports, and each worker every test.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run test test-real-time test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
+.PHONY: run demo test test-real-time test-variants test-kernels test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
+
+demo: $(READY)
+	$(VENV)/bin/segway-ecc demo
 
 # Only these are collected where a marker is asked for: collecting all takes ten seconds of each worker.
 marked = $(shell grep -rl --include='test_*.py' 'mark\.$(1)\b' tests)
@@ -81,6 +85,7 @@ boot: $(READY)
 	$(VENV)/bin/python -m pytest -m 'image $(PROOFS)' -s tests/deploy
 
 CARTS := cart-can cart-odrive cart-vesc cart-cia402
+FD_CARTS := cart-moteus
 
 disk: $(READY)
 	$(VENV)/bin/python -m pytest -m 'image and proof' -s --timeout 0 tests/deploy/image/test_disk.py tests/deploy/image/test_disk_station.py
@@ -89,10 +94,15 @@ prove: $(READY) coverage
 	$(VENV)/bin/python -m pytest -m proof --timeout 0 -s
 	$(VENV)/bin/segway-ecc prove inputs
 	for cart in $(CARTS); do $(MAKE) prove-$$cart || exit 1; done
+	for cart in $(FD_CARTS); do $(MAKE) prove-fd-$$cart || exit 1; done
 	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc prove failover $$cart --channel $$cart || exit 1; done
 
 # The case study with one drive family, over the kernel's own CAN; on a simulated clock, so that no load disturbs it.
 SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --no-real-time --out /run/study
+
+# The cards of the second machine carry no CAN FD.
+prove-fd-%: $(READY)
+	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
 
 prove-%: $(READY)
 	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0

@@ -9,8 +9,10 @@ from typing import Final
 
 from segway_ecc.firmware_io.command_gate import CommandGate
 from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
+from segway_ecc.firmware_io.drives.readings import DriveReading, StandbyListener, readings_of
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.firmware_io.links.joined_link import JoinedLink
 from segway_ecc.firmware_io.links.link import Link, NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.sender_rate import SenderRate
@@ -63,6 +65,7 @@ class Assembly:
             for device in self._devices
             for key, period_s in device.periods_s.items()
         }
+        self._standby_listeners = {drive.name: drive for drive in drives if isinstance(drive, StandbyListener)}
         self._now_ns = now_ns
         self._judged_ns: int | None = None
         self.commands: Mapping[str, str] = {k: v for d in drives for k, v in d.commands.items()}
@@ -73,7 +76,8 @@ class Assembly:
         self._armed = False
         self._gate = CommandGate(drives, None, None, now_ns) if gate is None else gate
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
-        self.switching = Switching(link, now_ns) if isinstance(link, RedundantLink) else None
+        main = link.main if isinstance(link, JoinedLink) else link
+        self.switching = Switching(main, now_ns) if isinstance(main, RedundantLink) else None
 
     def open(self) -> None:
         """Claim the bus, open the link and start every device; see `Hardware.open`.
@@ -151,6 +155,11 @@ class Assembly:
             health |= self.switching.health
         return {**health, **self._gate.health}
 
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """What the drives have read back of their settings; see `ReportsSettings`."""
+        return [reading for drive in self._drives for reading in readings_of(drive)]
+
     def _look_for_other_senders(self) -> None:
         """Note what brought more than its device sends; a serial line has one sender, with a rate of its own."""
         now_ns, judged_ns = self._now_ns(), self._judged_ns
@@ -168,6 +177,9 @@ class Assembly:
             device = self._listeners.get((frame.arbitration_id, frame.is_extended))
             if device in self._drives:
                 switching.link.note_standby()
+                listener = self._standby_listeners.get(device.name)
+                if listener is not None:
+                    listener.take_standby_frame(frame)
             elif device is not None:
                 device.take_frame(frame)
         received_ns = [self._received_ns.get(drive.name) for drive in self._drives]

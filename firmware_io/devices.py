@@ -27,7 +27,7 @@ SUPPLY_STALE_NS: Final = 1_000_000_000
 TURN: Final = 6.283185307179586
 """One turn, rad."""
 SUPPLY_VOLTAGE: Final = "supply.voltage"
-"""The signal of what feeds the motors, V. A robot has one: of two drives that each measure it, the left one's."""
+"""The signal of what feeds the motors, V. A robot has one: of several drives that each measure it, the first one's."""
 
 
 class FrameKey(NamedTuple):
@@ -106,7 +106,7 @@ class MotorState(Protocol):
 
 
 class Drive(Sensor, MotorState, Protocol):
-    """A motor controller for one or more wheels.
+    """A motor controller for one or more axes.
 
     Its part of `Sensor`, `MotorState` and `Diagnosed` is the same for every family; `PhasedDrive` has that of the
     motors.
@@ -185,6 +185,8 @@ class Freshness(Generic[Kind]):
             now_ns = self._now_ns()
         age_ns = now_ns - received_ns
         limit_ns = self._stale_ns[kind] if stale_ns is None else stale_ns
+        if age_ns <= limit_ns:  # as nearly always; what follows only makes it longer
+            return age_ns * 1e-9, True
         if now_ns - self.newest_ns <= limit_ns:
             limit_ns = limit_ns * PATIENCE_PERIODS // STALE_PERIODS
         if self._ride_ns:  # the first frame after a gap may be refused, by its counter
@@ -200,10 +202,10 @@ class WrappedCounter:
 
     __slots__ = ("_half", "_is_resumed", "_last", "_modulus", "total")
 
-    def __init__(self, bits: int) -> None:
-        """Follow a counter of this many bits."""
+    def __init__(self, bits: int, modulus: int | None = None) -> None:
+        """Follow a counter of this many bits, or one that begins anew at an even `modulus`."""
         self.total = 0
-        self._modulus = 1 << bits
+        self._modulus = 1 << bits if modulus is None else modulus
         self._half = self._modulus >> 1
         self._last: int | None = None
         self._is_resumed = False

@@ -20,7 +20,7 @@ from typing import Final, Protocol
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.can_interfaces import resolve
 from segway_ecc.firmware_io.links.link import NowNs
-from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
 
 _HEAD: Final = struct.Struct("<QB")
 """The counter, which is the monotonic time at which it was sent, ns, and whether the motors are wanted on."""
@@ -81,9 +81,20 @@ class Ownership(Protocol):
         """Give the bus back."""
 
 
-def address_of(can: CanSettings, role: str = "guard") -> str:
+def name_of(line: CanSettings | PortSettings) -> str:
+    """What a bus, or a serial line in place of one, is known by on this machine: the port's, as it is named."""
+    if isinstance(line, CanSettings):
+        return " ".join(resolve(line.interface, line.channel))
+    if "://" in line.port:
+        return f"serial {line.port}"
+    # The name stays where the adapter is unplugged and found again under another number.
+    path = Path(line.port)
+    return f"serial {path.parent.resolve() / path.name}"
+
+
+def address_of(line: CanSettings | PortSettings, role: str = "guard") -> str:
     """The address of a bus' `guard` or `node`."""
-    digest = hashlib.sha256(" ".join(resolve(can.interface, can.channel)).encode()).hexdigest()
+    digest = hashlib.sha256(name_of(line).encode()).hexdigest()
     return f"\0segway-ecc-{role}-{digest[:16]}"
 
 
@@ -95,13 +106,15 @@ def code_of(key: bytes, head: bytes) -> bytes:
 class BusOwner:
     """Owns a bus and sends heartbeats to its guard; see `Ownership`. One that cannot be taken at once is dropped."""
 
-    def __init__(self, can: CanSettings, now_ns: NowNs = time.monotonic_ns, *, needs_guard: bool = False) -> None:
-        """Own the bus of `can` from `open` on."""
+    def __init__(
+        self, line: CanSettings | PortSettings, now_ns: NowNs = time.monotonic_ns, *, needs_guard: bool = False
+    ) -> None:
+        """Own a bus, or the serial line in place of one, from `open` on."""
         self.needs_guard = needs_guard
         self.stops = ""
-        self._name = " ".join(resolve(can.interface, can.channel))
-        self._address = address_of(can, "node")
-        self._guard = address_of(can)
+        self._name = name_of(line)
+        self._address = address_of(line, "node")
+        self._guard = address_of(line)
         self._guard_name = self._guard.encode()  # as the kernel gives it
         self._now_ns = now_ns
         self._lock: socket.socket | None = None
@@ -198,11 +211,11 @@ class HeartbeatListener:
     `refused` counts what was none of the owner: without the code, or not newer than the last.
     """
 
-    def __init__(self, can: CanSettings) -> None:
-        """Take those of the bus of `can`, from `open` on."""
+    def __init__(self, line: CanSettings | PortSettings) -> None:
+        """Take those of a bus, or of the serial line in place of one, from `open` on."""
         self.refused = 0
-        self._address = address_of(can)
-        self._owner = address_of(can, "node")
+        self._address = address_of(line)
+        self._owner = address_of(line, "node")
         self._socket: socket.socket | None = None
         self._key = _NO_KEY
         self._counter = 0

@@ -4,7 +4,7 @@
 import functools
 import importlib
 from collections.abc import Iterable, Sequence
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeVar
 
 from segway_ecc.firmware_io.errors import PluginError
 
@@ -13,6 +13,9 @@ DRIVES: Final = "segway_ecc.drives"
 IMUS: Final = "segway_ecc.imus"
 """The group of IMUs: each entry point is the IMU's name in robot files, and names an `ImuFamily`."""
 
+Record = TypeVar("Record")
+
+_VOWELS: Final = tuple("AEIOU")
 _LONGEST_NAME: Final = 80
 """Of what a file asks for, as a message shows it."""
 
@@ -49,16 +52,19 @@ def entry_points(group: str) -> Sequence[EntryPoint]:
     return tuple(all_entry_points().select(group=group))
 
 
-def load_plugin(group: str, name: object, what: str) -> object:
-    """Import what is registered under a name; nothing else is imported, so that one that is broken ends no other.
+def load_plugin(group: str, name: object, what: str, kind: type[Record]) -> Record:
+    """Import the record that is registered under a name.
+
+    Nothing else is imported, so that one that is broken ends no other.
 
     Args:
         group: The group of entry points.
         name: Its name, as found in a file.
         what: What that is, for messages: `drive family`.
+        kind: The record's class. Where it has `settings`, their tag must be the name.
 
     Raises:
-        PluginError: None of that name is installed, or several are, or it cannot be imported.
+        PluginError: None of that name is installed, or several are, or it cannot be imported, or is another record.
     """
     points = [point for point in entry_points(group) if point.name == name]
     if not points:
@@ -67,7 +73,13 @@ def load_plugin(group: str, name: object, what: str) -> object:
     if len({point.value for point in points}) > 1:
         places = " and ".join(sorted(point.value for point in points))
         raise PluginError(f"{what} '{name}' is installed twice, as {places}; uninstall one of them")
-    return import_plugin(points[0], what)
+    found = import_plugin(points[0], what)
+    settings = getattr(found, "settings", None)
+    if isinstance(found, kind) and (settings is None or settings.__struct_config__.tag == name):
+        return found
+    article = "an" if kind.__name__.startswith(_VOWELS) else "a"
+    tagged = ", with that tag on its settings" if "settings" in getattr(kind, "__dataclass_fields__", {}) else ""
+    raise PluginError(f"{what} '{name}' is none: its entry point must name {article} {kind.__name__}{tagged}")
 
 
 def import_plugin(point: EntryPoint, what: str) -> object:

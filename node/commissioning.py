@@ -89,7 +89,10 @@ def digests_of(file: RobotFile) -> dict[str, str]:
         hardware = {name: value for name, value in hardware.items() if name not in _LINES}
     model = {"source": file.model.source.rpartition("/")[2], "parameters": file.model.parameters}
     safety = msgspec.to_builtins(file.safety)
-    parts = {"hardware": hardware, "wiring": file.wiring, "model": model, "safety": safety}
+    wiring: dict[str, object] = dict(file.wiring)
+    if file.mixing:
+        wiring |= {"mixing": msgspec.to_builtins(file.mixing), "geometry": msgspec.to_builtins(file.geometry)}
+    parts = {"hardware": hardware, "wiring": wiring, "model": model, "safety": safety}
     return {
         name: hashlib.sha256(msgspec.json.encode(part, order="deterministic")).hexdigest()
         for name, part in parts.items()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The robot file: one YAML document, decoded into typed structures in one go."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -11,13 +12,23 @@ from segway_ecc.firmware_io.drives.family import drive_family, family_of
 from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family
 from segway_ecc.firmware_io.plugins import DRIVES, entry_points
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import AxisName, HardwareSettings, check_axes
 from segway_ecc.firmware_io.value import Section
+from segway_ecc.node.cycle.mixing import (
+    GEOMETRY,
+    DifferentialMixing,
+    GeometrySection,
+    Mixer,
+    WiredSignal,
+    controller_mixers,
+    plant_mixers,
+    wired_signal,
+)
 from segway_ecc.node.documents import decode_data, read_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.declared import Range
 from segway_ecc.node.models.load import locate
-from segway_ecc.node.safety.settings import SafetySettings, StationSettings
+from segway_ecc.node.safety.settings import SHARED_LENGTHS, SafetySettings, StationSettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
 Velocity = Annotated[float, msgspec.Meta(gt=0.0, le=1_000.0)]
@@ -77,12 +88,18 @@ class SetpointSection(Section, frozen=True, kw_only=True):
 class SimulationSection(Section, frozen=True, kw_only=True):
     """What stands at the other end of the bus in simulation.
 
-    The plant is what `load_model` takes; its inputs and outputs have the names of the drive's commands and signals.
-    Its `parameters`, by name in its own units, are those other than its defaults.
+    Attributes:
+        plant: What `load_model` takes.
+        parameters: Those other than its defaults, by name in its own units.
+        wiring: For each of its ports that has another name than what the drives give it, or measure of it, that signal.
+        drives: Which of their family's releases or kinds the simulated drives are, such as 0.5.4; None for the family's
+            own choice.
     """
 
     plant: str
     parameters: dict[str, float] = msgspec.field(default_factory=dict)
+    drives: str | None = None
+    wiring: Mapping[str, str | WiredSignal] = msgspec.field(default_factory=dict)
 
 
 class RosSection(Section, frozen=True, kw_only=True):
@@ -92,6 +109,9 @@ class RosSection(Section, frozen=True, kw_only=True):
         odometry_frame: Frame of the pose (REP-105).
         base_frame: Frame of the velocities (REP-105).
         imu_frame: Frame of the IMU's values (REP-145): where the IMU sits, with the robot's axes.
+        left_joint: The joint of the axis `left`.
+        right_joint: The joint of the axis `right`.
+        joints: The joints of other axes, by the axis' name; `<axis>_joint` where one is left out.
         odometry_depth: How many odometry messages wait for a reliable subscriber that is stopped or starved.
     """
 
@@ -101,7 +121,14 @@ class RosSection(Section, frozen=True, kw_only=True):
     imu_frame: str = "imu_link"
     left_joint: str = "left_wheel_joint"
     right_joint: str = "right_wheel_joint"
+    joints: dict[AxisName, str] = msgspec.field(default_factory=dict)
     odometry_depth: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 10
+
+    def joint_names(self, joints: Sequence[str]) -> list[str]:
+        """What ROS calls the joints whose angles are these signals."""
+        names = {"left": self.left_joint, "right": self.right_joint, **self.joints}
+        axes = [signal.rpartition(".")[0] for signal in joints if signal.endswith(".angle")]
+        return [names.get(axis, f"{axis}_joint") for axis in axes]
 
 
 class RobotFile(Section, frozen=True, kw_only=True):
@@ -111,6 +138,8 @@ class RobotFile(Section, frozen=True, kw_only=True):
 
     Attributes:
         wiring: The robot's signal of each model port or state, by name.
+        geometry: The lengths that its checks, its mixing and its model share.
+        mixing: What makes several axes move the robot, by name: `base` adds `base.force` and others to the signals.
         arming: Whether the robot arms itself at start, or waits to be asked.
         commissioned: Whether it arms only with a report of its commissioning that passed and still holds.
         actuate: When commands leave: in the next cycle's exchange, without jitter, or as soon as they are limited.
@@ -120,8 +149,10 @@ class RobotFile(Section, frozen=True, kw_only=True):
 
     name: str
     model: ModelSection
-    wiring: dict[str, str]
-    hardware: NoHardwareSection | BusSettings = NoHardwareSection()
+    wiring: Mapping[str, str | WiredSignal]
+    geometry: GeometrySection = GeometrySection()
+    mixing: dict[AxisName, DifferentialMixing] = msgspec.field(default_factory=dict)
+    hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
     commissioned: Literal["required", "optional"] = "optional"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"
@@ -131,12 +162,27 @@ class RobotFile(Section, frozen=True, kw_only=True):
     ros: RosSection = RosSection()
     simulation: SimulationSection | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse a mixing that is called as something else; ValueError."""
+        check_axes(self.mixing)
+
+    @property
+    def controller_mixers(self) -> list[Mixer]:
+        """What the mixing adds to what the model can be wired to."""
+        return controller_mixers(self.mixing, self.geometry)
+
+    @property
+    def plant_mixers(self) -> list[Mixer]:
+        """What it adds to what the plant can be wired to."""
+        return plant_mixers(self.mixing, self.geometry)
+
 
 def decode_robot(text: str, where: str) -> RobotFile:
     """Decode the text of a robot file; messages call it `where`. See `decode_yaml`.
 
     Raises:
-        ConfigurationError: It is not as it must be, or names drives or an IMU that are not installed.
+        ConfigurationError: It is not as it must be, or names drives or an IMU that are not installed, or a length that
+            its geometry lacks.
     """
     return convert_robot(read_yaml(text, where), where)
 
@@ -147,18 +193,71 @@ def convert_robot(data: object, where: str) -> RobotFile:
         kind = _kind_of(data, where)
     except PluginError as error:
         raise ConfigurationError(f"{where}: {error}") from error
-    decoded = decode_data(data, kind, where)
+    decoded = decode_data(_with_lengths(data), kind, where)
     hardware = decoded.hardware
     if not isinstance(hardware, NoHardwareSection):
         hardware = _as(family_of(hardware).settings, hardware)
-    return structs.replace(_as(RobotFile, decoded), hardware=hardware)
+    try:
+        return _with_geometry(structs.replace(_as(RobotFile, decoded), hardware=hardware))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{where}: {error}") from error
+
+
+def _with_lengths(data: object) -> object:
+    """The document with the lengths of its geometry in the checks that lack them."""
+    if not isinstance(data, dict):
+        return data
+    geometry, safety = data.get("geometry"), data.get("safety")
+    if not isinstance(geometry, dict) or not isinstance(safety, dict):
+        return data
+    checks = {
+        check: {name: geometry[name] for name in SHARED_LENGTHS[check] if name in geometry} | found
+        for check, found in safety.items()
+        if check in SHARED_LENGTHS and isinstance(found, dict)
+    }
+    return {**data, "safety": {**safety, **checks}}
+
+
+def _with_geometry(file: RobotFile) -> RobotFile:
+    """The robot with the lengths of its geometry in the parameters of model and plant that are wired to them.
+
+    Raises:
+        ConfigurationError: A length is missing.
+    """
+    wiring, parameters = _parameters(file, "wiring", file.wiring, file.model.parameters)
+    file = structs.replace(file, wiring=wiring, model=structs.replace(file.model, parameters=parameters))
+    simulation = file.simulation
+    if simulation is not None:
+        wiring, parameters = _parameters(file, "simulation.wiring", simulation.wiring, simulation.parameters)
+        simulation = structs.replace(simulation, wiring=wiring, parameters=parameters)
+        file = structs.replace(file, simulation=simulation)
+    if file.mixing:
+        _ = file.controller_mixers
+    return file
+
+
+def _parameters(
+    file: RobotFile, where: str, wiring: Mapping[str, str | WiredSignal], parameters: Mapping[str, float]
+) -> tuple[dict[str, str | WiredSignal], dict[str, float]]:
+    """A wiring without the parameters that are wired to lengths, and all parameters; one that is set has its own."""
+    left, found = dict[str, str | WiredSignal](), dict(parameters)
+    for port, entry in wiring.items():
+        wired = wired_signal(entry)
+        if not wired.signal.startswith(GEOMETRY):
+            left[port] = entry
+            continue
+        length = getattr(file.geometry, wired.signal.removeprefix(GEOMETRY), None)
+        if length is None:
+            raise ConfigurationError(f"{where}.{port}: there is no {wired.signal} in this robot file")
+        found.setdefault(port, length * wired.gain + wired.offset)
+    return left, found
 
 
 def _kind_of(data: object, where: str) -> type[RobotFile]:
     """`RobotFile`, with the settings of the drives and the IMU that a document names.
 
     Raises:
-        ConfigurationError: It has hardware, and names no drives.
+        ConfigurationError: It has hardware, and names no drives, or has drives as 0.1 had them.
         PluginError: What it names is not installed.
     """
     hardware = data.get("hardware") if isinstance(data, dict) else None
@@ -171,6 +270,11 @@ def _kind_of(data: object, where: str) -> type[RobotFile]:
     if name == "none":
         return _with_field(RobotFile, "hardware", NoHardwareSection)
     settings = drive_family(name).settings
+    if "axes" in settings.__struct_fields__ and hardware.keys() & {"left", "right"}:
+        raise ConfigurationError(
+            f"{where}: hardware.left and hardware.right, as 0.1 had them, are two of any number of axes now: write "
+            "hardware.axes.left and hardware.axes.right"
+        )
     if isinstance(imu, dict):
         settings = _with_field(settings, "external_imu", imu_family(imu.get("type", DEFAULT_IMU)).settings | None)
     return _with_field(RobotFile, "hardware", NoHardwareSection | settings)

@@ -28,6 +28,12 @@ def send_messages_to(descriptor: int) -> None:
     _messages[0] = descriptor
 
 
+def write_message(text: str) -> None:
+    """Write a line there at once, as before this process ends itself: what is logged is written a little later."""
+    with contextlib.suppress(OSError):  # nobody reads it
+        os.write(_messages[0], f"segway-ecc: {text}\n".encode(errors="backslashreplace"))
+
+
 def start_helper(
     module: str, arguments: Sequence[str], descriptors: Sequence[int], stdout: int | None = None
 ) -> "subprocess.Popen[bytes]":

@@ -115,7 +115,7 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None, report:
         except ValueError as error:  # devices that cannot be on one bus
             raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error
     declared = declared_variables(model, section.ranges, section.tunable_while_armed)
-    wiring = wire(model, hardware, file.wiring, declared)
+    wiring = wire(model, hardware, file.wiring, declared, file.controller_mixers)
     # So that what is wrong is reported before anything is opened.
     for place, value in sit_down_values(file.station, wiring.set_names):
         low, high = wiring.set_ranges[place]

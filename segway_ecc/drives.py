@@ -10,7 +10,8 @@ from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.family import DriveFamily, DriveWatchdog
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, Stopper
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
+from segway_ecc.firmware_io.links.settings import PortSettings
+from segway_ecc.firmware_io.settings import BusSettings, SerialOnlySettings, WheelSettings
 
 __all__ = [
     "BusSettings",
@@ -26,7 +27,9 @@ __all__ = [
     "Observation",
     "Phase",
     "PhasedDrive",
+    "PortSettings",
     "Readings",
+    "SerialOnlySettings",
     "Stopper",
     "WheelSettings",
     "stale_after_ns",

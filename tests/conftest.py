@@ -49,6 +49,10 @@ def missing_arm64() -> str | None:
     return None if there else "no compiler for arm64 or no qemu-aarch64"
 
 
+def missing_debuggers() -> str | None:
+    return None if shutil.which("gdb") and shutil.which("strace") else "no gdb or no strace"
+
+
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "arm64": (
         missing_arm64,
@@ -56,6 +60,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     ),
     "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
+    "debuggers": (missing_debuggers, "sudo apt-get install gdb strace"),
     "image": (
         lambda: image_lacks() or uml.available(),
         "sudo apt-get install mmdebstrap e2fsprogs uidmap user-mode-linux",

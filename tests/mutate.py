@@ -28,16 +28,29 @@ import pytest
 
 ROOT: Final = Path(__file__).parents[1]
 ACCEPTED: Final = Path(__file__).with_name("mutants_accepted.txt")
-MODULES: Final = ("node/safety/[!_]*.py", "firmware_io/guard/[!_]*.py", "node/cycle/arming.py")
+MODULES: Final = (
+    "node/safety/[!_]*.py",
+    "firmware_io/guard/[!_]*.py",
+    "firmware_io/heartbeat.py",
+    "firmware_io/drives/stopper.py",
+    "firmware_io/drives/*/stopper.py",
+    "node/cycle/arming.py",
+)
 ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
-# The tests of a module in the order in which they run, where that is not only the file of its own name.
+# The tests of a module in the order in which they run, where that is not only the file of its own name; one of another
+# folder with its path.
 TESTED_BY: Final = {
     "node/safety/check": ["check", "monitor"],
     "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/posture": ["posture", "monitor"],
     "node/safety/modes": ["modes", "modes_machine", "modes_station"],
     "node/safety/plausibility": ["plausibility", "plausibility_following"],
-    "firmware_io/drives/stopper": ["stoppers", "watch"],
+    "firmware_io/drives/stopper": ["firmware_io/guard/stoppers", "firmware_io/guard/watch"],
+    "firmware_io/drives/cia402/stopper": ["firmware_io/guard/stoppers"],
+    "firmware_io/drives/moteus/stopper": ["firmware_io/guard/moteus_stopper"],
+    "firmware_io/drives/odrive/stopper": ["firmware_io/guard/stoppers"],
+    "firmware_io/drives/vesc/stopper": ["firmware_io/guard/stoppers"],
+    "firmware_io/drives/wheel_board/stopper": ["firmware_io/guard/stoppers", "firmware_io/guard/session_board"],
     "firmware_io/guard/guard": ["guard", "stoppers"],
     "firmware_io/guard/watch": ["watch", "guard"],
 }
@@ -179,13 +192,21 @@ def _start(module: str, tree: ast.Module) -> int:
         os.dup2(quiet, 2)
         changed = compile(ast.fix_missing_locations(tree), f"{module}.py", "exec")
         sys.meta_path.insert(0, _Mutant(module, changed))
-        package, _, stem = module.rpartition("/")
-        tests = ROOT / "tests" / package
-        files = [str(tests / f"test_{name}.py") for name in TESTED_BY.get(module, [stem])]
-        options = ["--confcutdir", str(tests), "--assert=plain", "-x", "-q", "--timeout=60", "-p", "no:cacheprovider"]
-        code = int(pytest.main([*options, *files]))
+        files = _tests_of(module)
+        folder = str(files[0].parent)
+        options = ["--confcutdir", folder, "--assert=plain", "-x", "-q", "--timeout=60", "-p", "no:cacheprovider"]
+        code = int(pytest.main([*options, *map(str, files)]))
     finally:
         os._exit(code)
+
+
+def _tests_of(module: str) -> list[Path]:
+    own, _, stem = module.rpartition("/")
+    found = []
+    for test in TESTED_BY.get(module, [stem]):
+        folder, _, name = test.rpartition("/")
+        found.append(ROOT / "tests" / (folder or own) / f"test_{name}.py")
+    return found
 
 
 class Change(NamedTuple):

@@ -20,7 +20,7 @@ from segway_ecc.testing import check_conformance
 
 left = PocketWheel(node=1, max_torque=4.0)
 right = PocketWheel(node=2, max_torque=4.0, direction=-1, gear_ratio=2.0)
-check_conformance(sys.argv[1], FAMILY, SIMULATED, PocketSettings(left=left, right=right))
+check_conformance(sys.argv[1], FAMILY, SIMULATED, PocketSettings(axes={"left": left, "right": right}))
 """
 
 
@@ -62,7 +62,8 @@ def test_a_cart_on_it_is_simulated_in_lock_step_and_stops_where_the_cable_is_cut
 def test_where_it_is_not_installed_the_families_that_are_are_listed() -> None:
     done = run({**os.environ}, "-m", "segway_ecc.node.cli.main", "deploy", "check", str(EXAMPLE / "robot.yaml"))
     assert done.returncode == 2
-    assert "there is no drive family 'pocket'; installed are cia402, odrive, vesc, wheel_board" in done.stderr
+    families = "cia402, hoverboard, moteus, odrive, vesc, wheel_board"
+    assert f"there is no drive family 'pocket'; installed are {families}" in done.stderr
 
 
 def test_the_whole_example_has_at_most_200_lines_of_code() -> None:

@@ -2,6 +2,7 @@
 """What a check looks at, a machine and the work it is to do, and what it finds."""
 
 import enum
+import errno
 import math
 import os
 import platform
@@ -19,16 +20,19 @@ from segway_ecc.deploy.support.commands import answer_of
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, read_interface_state
 from segway_ecc.firmware_io.links.serial_link import open_serial_port
-from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.cycle.timing import Histogram, Summary
+from segway_ecc.node.watchdog.exits import ask_before_exit
 
 _MEASURED_NS: Final = 2_000_000_000
 _PROGRESS_EVERY_NS: Final = 200_000_000
 _PIECES: Final = 8
 _PIECE_BYTES: Final = 512 * 1024
+_ASKS: Final = 255
+"""The status of a process of which the kernel asks: no error's number, and with 0 it would wait for an answer."""
 _PATIENCE_S: Final = 60.0
 """For a program's answer: a small computer that is busy takes half a minute to load ROS."""
 UNNAMED_PERIOD_NS: Final = 5_000_000
@@ -109,11 +113,27 @@ class Probes:
         """Make a raw CAN socket and close it."""
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
 
+    def ask_before_exit(self) -> None:
+        """Have the kernel ask before a process ends, one that ends at once."""
+        pid = os.fork()
+        if pid == 0:
+            status = errno.EIO
+            try:
+                ask_before_exit()
+                status = _ASKS
+            except OSError as error:
+                status = error.errno or status
+            finally:
+                os._exit(status)
+        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        if status != _ASKS:
+            raise OSError(status, os.strerror(status))
+
     def interface(self, name: str) -> InterfaceState:
         """Ask the kernel."""
         return read_interface_state(name)
 
-    def open_port(self, settings: SerialSettings) -> None:
+    def open_port(self, settings: PortSettings) -> None:
         """Open the port as the robot does, and close it."""
         open_serial_port(settings).close()
 
@@ -202,7 +222,7 @@ class Workload:
     period_ns: int = UNNAMED_PERIOD_NS
 
     @property
-    def hardware(self) -> BusSettings | None:
+    def hardware(self) -> HardwareSettings | None:
         """The drives; None where the robot is all model, or none is named."""
         hardware = None if self.robot is None else self.robot.hardware
         return None if isinstance(hardware, NoHardwareSection) else hardware
@@ -210,4 +230,5 @@ class Workload:
     @property
     def needs_socketcan(self) -> bool:
         """Whether the robot's drives are on a CAN interface of the kernel; `auto` means one, too."""
-        return self.hardware is not None and self.hardware.can.interface in {"auto", "socketcan"}
+        line = None if self.hardware is None else self.hardware.line
+        return isinstance(line, CanSettings) and line.interface in {"auto", "socketcan"}

@@ -13,8 +13,9 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.config import RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.guarded_model import GuardedModel
+from segway_ecc.node.cycle.mixing import wired_signal
 from segway_ecc.node.cycle.setpoints import REST
-from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS, SET, SETPOINT_SIGNALS, TOPIC
+from segway_ecc.node.cycle.signals import ODOMETRY_SIGNALS, SET, SETPOINT_SIGNALS, TOPIC
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.robot import Robot, build_robot
@@ -29,6 +30,10 @@ _FAR: Final = 50.0
 """No gain of the packaged segways is stable at more than 44 times its design (steering; balance at 4.1; docs/segway).
 One in degrees where radians are wanted is 57 times as large."""
 _NOTED: Final = 10.0
+_HOLD_UP: Final = ("PitchGain", "PitchRateGain", "VelocityGain")
+"""Gains by which a segway stands. A lighter or smaller one has smaller ones, and in nearly the same proportion: the
+quotient of the first two is the pendulum's rate, which goes with the root of its length. One that is far smaller than
+both others holds up no robot."""
 _SAME: Final = 0.1
 """Two figures of one length differ by no more than this part."""
 _UNITS: Final = {
@@ -41,7 +46,6 @@ _OF_DRIVES: Final = (
     "wheel_velocity_limit",
     "frozen_after_s",
     "velocity_consistency",
-    "following_error",
     "supply",
     "late_cycles_limit",
     "max_command",
@@ -49,6 +53,9 @@ _OF_DRIVES: Final = (
     "output_limits",
     "oscillation",
 )
+_OF_WHAT_DRIVES: Final = "following_error"
+"""Of a robot that follows velocities; one that goes to angles has limits of its joints."""
+_OF_JOINTS: Final = "joint_limits"
 _OF_AN_IMU: Final = ("tilt_limit_rad", "tilt_rate_limit", "yaw_consistency", "checklist")
 _OF_WHAT_STANDS: Final = ("runaway", "gravity", "posture")
 _STAND: Final = "stand"
@@ -115,13 +122,29 @@ def _design(robot: Robot) -> Mapping[str, float]:
 def _parameters(robot: Robot) -> Iterator[Finding]:
     """Those that are given, or left out where the design has them, against the design."""
     given, design = robot.file.model.parameters, _design(robot)
+    shares = {name: given.get(name, 0.0) / design[name] for name in _HOLD_UP if design.get(name)}
     for variable in robot.model.parameters:
         name = variable.name
         if name in given or name in design:
-            designed = design.get(name, variable.value)
-            found = _compared(variable, given.get(name, variable.value), designed, is_ours=_is_ours(robot))
+            value, designed = given.get(name, variable.value), design.get(name, variable.value)
+            others = [share for other, share in shares.items() if other != name]
+            if _is_ours(robot) and name in shares and 0.0 <= shares[name] * _FAR <= min(others):
+                yield _too_small(variable, value, designed)
+                continue
+            found = _compared(variable, value, designed, is_ours=_is_ours(robot))
             if found is not None:
                 yield found
+
+
+def _too_small(variable: Variable, value: float, designed: float) -> Finding:
+    """One of the gains that hold a segway up, which does not."""
+    unit, times = variable.unit, "nothing" if value == 0.0 else f"{value / designed:.3g} times that"
+    return bad(
+        f"{_PARAMETERS}, {variable.name}",
+        f"{value:g} {unit}, the design has {designed:g} {unit}: {times}, and the others are not as small",
+        "the robot does not stand: it falls, and is FALLEN",
+        f"correct model.parameters.{variable.name}; gains of a segway: segway-ecc design gains ROBOT",
+    )
 
 
 def _compared(variable: Variable, value: float, designed: float, *, is_ours: bool) -> Finding | None:
@@ -162,7 +185,7 @@ def _lengths(robot: Robot) -> Iterator[Finding]:
                     f"{_CHECKS}, {key}.{name}",
                     f"{value:g} m, the model has {of_model:g} m",
                     "the check trips without a fault, or sees none",
-                    f"write the same length into safety.{key}.{name} and model.parameters",
+                    f"write the same length into geometry.{name}, for all checks, and model.parameters",
                 )
 
 
@@ -214,7 +237,7 @@ def _wiring(robot: Robot) -> Iterator[Finding]:
     of_hardware = {**hardware.signals, **hardware.commands}
     units = {**_UNITS, **of_hardware}
     ports = {v.name: v for v in (*model.parameters, *model.states, *model.inputs, *model.outputs)}
-    for port, signal in robot.file.wiring.items():
+    for port, signal in _signals(robot.file).items():
         title, remedy = f"{_WIRING}, {port}", f"correct wiring.{port}"
         designed = design.get(port)
         if designed is None:
@@ -228,9 +251,14 @@ def _designed_wiring(robot: Robot) -> Mapping[str, set[str]]:
     """What the packaged robots of the same model wire each port to."""
     design: dict[str, set[str]] = {}
     for file in _packaged(robot.file.model.source):
-        for port, signal in file.wiring.items():
+        for port, signal in _signals(file).items():
             design.setdefault(port, set()).add(signal)
     return design
+
+
+def _signals(file: RobotFile) -> dict[str, str]:
+    """The signal that each port is wired to."""
+    return {port: wired_signal(entry).signal for port, entry in file.wiring.items()}
 
 
 def _by_name(title: str, port: Variable, signal: str, unit: str | None, remedy: str) -> Iterator[Finding]:
@@ -268,11 +296,18 @@ def _checks(robot: Robot) -> Iterator[Finding]:
         effect = "only a lost sensor or drive ends control: a robot that tips over, runs away or stalls drives on"
         yield warning(_CHECKS, "there is no section safety", effect, remedy)
         return
-    wanted = [*_OF_DRIVES, *(_OF_AN_IMU if "imu.angular_velocity_x" in signals else ())]
+    drives = any(signal in SETPOINT_SIGNALS for signal in _signals(robot.file).values())
+    wanted = [
+        *_OF_DRIVES,
+        _OF_WHAT_DRIVES if drives else _OF_JOINTS,
+        *(_OF_AN_IMU if "imu.angular_velocity_x" in signals else ()),
+    ]
     if _STAND in robot.wiring.set_names:
         wanted += _OF_WHAT_STANDS
     lacking = [name for name in wanted if getattr(safety, name) is None]
     if "supply.voltage" not in signals and "supply" in lacking:
         lacking.remove("supply")
+    if len(set(robot.hardware.limits)) > 1 and "max_command" in lacking:  # which is one for all
+        lacking.remove("max_command")
     if lacking:
         yield warning(_CHECKS, f"there is no {', '.join(lacking)}", "what they would notice drives on", remedy)

@@ -268,6 +268,8 @@ class CommandHandler:
             case Act.BREAK_OFF:
                 is_over = tasks.break_off(f"{who} broke it off", now_ns)
                 reply(is_over, "broken off" if is_over else "nothing is being played")
+            case Act.TRY:
+                self._refuse("no trial", reply, "only a simulated robot can be tried out: segway-ecc demo")
             case Act.PLAY if isinstance(submitted.manoeuvre, Manoeuvre):
                 self._bring_to_rest(name, "another sequence was started", now_ns)
                 tasks.playback = SequencePlayback(submitted.manoeuvre, submitted.command.name, reply, now_ns)

@@ -19,7 +19,7 @@ from segway_ecc.deploy.station.kept_stops import KeptStop, KeptStops
 from segway_ecc.deploy.station.requests import Reply, once
 from segway_ecc.deploy.station.ros_bridge import RosBridge
 from segway_ecc.deploy.station.sequences import read_sequence
-from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView
+from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView, TrialView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError, RosUnavailableError, shortened
 from segway_ecc.node.ros.runtime import ros_node
@@ -41,6 +41,8 @@ class Station:
 
     limits: Final = Setpoint(3.0, 6.0)
     """The fastest that an operator may request: m/s, rad/s. A robot may allow less."""
+    trials: Final[Sequence[TrialView]] = ()
+    """None: what is done to a simulated robot, its own station does."""
 
     def __init__(
         self,

@@ -28,6 +28,8 @@ class Act(enum.StrEnum):
     """Play a sequence, whose text is the command's `text`."""
     BREAK_OFF = "break_off"
     """End the sequence that is being played."""
+    TRY = "try"
+    """Do to a simulated robot what the trial does that the command's `name` names; see `TrialView`."""
 
 
 class SequenceView(msgspec.Struct, frozen=True, kw_only=True):
@@ -161,6 +163,20 @@ class ReplyView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     text: str
 
 
+class TrialView(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that can be done to a simulated robot, to see what its safety does.
+
+    Attributes:
+        name: By which a command names it.
+        title: What its button says.
+        effect: What it does, in one sentence.
+    """
+
+    name: str
+    title: str
+    effect: str
+
+
 class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="hello"):
     """The first message of a socket.
 
@@ -170,6 +186,7 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
         drive_period_s: How often a driving browser is to send, s.
         max_linear: The fastest that the page may request, m/s.
         max_angular: The same for turning, rad/s.
+        trials: What can be done to the robot; nothing to a real one.
     """
 
     who: str
@@ -178,6 +195,7 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     drive_period_s: float
     max_linear: float
     max_angular: float
+    trials: Sequence[TrialView] = ()
 
 
 class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="command", forbid_unknown_fields=True):

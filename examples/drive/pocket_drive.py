@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A drive family of your own: two small motor controllers on one CAN bus.
+"""A drive family of your own: small motor controllers on one CAN bus, one for each axis.
 
 Each takes 0x100 + its node (torque in mN m, int16; whether it is to be on; checksum), and sends 0x180 + its node every
 10 ms (angle in 0.1 mrad, int32; velocity in 0.01 rad/s, int16; state; checksum). Without a command for 40 ms it
@@ -40,18 +40,12 @@ class PocketWheel(WheelSettings, frozen=True, kw_only=True):
 class PocketSettings(BusSettings, frozen=True, kw_only=True, tag="pocket"):
     """What a robot file has under `hardware`, with `type: pocket`."""
 
-    left: PocketWheel
-    right: PocketWheel
+    axes: dict[str, PocketWheel]
 
     def __post_init__(self):
         """Refuse two controllers of one node."""
-        if self.left.node == self.right.node:
-            raise ValueError(f"left and right have the same node {self.left.node}")
-
-    @property
-    def wheels(self):
-        """Both wheels by name."""
-        return {"left": self.left, "right": self.right}
+        if len({wheel.node for wheel in self.axes.values()}) < len(self.axes):
+            raise ValueError("two axes have the same node")
 
 
 def with_checksum(data):
@@ -102,7 +96,7 @@ class PocketDrive(PhasedDrive):
         """Drive the wheel `name` over `link`, in a loop of `period_s`, s."""
         super().__init__(clock.now_ns)
         self.name = name
-        self._wheel = settings.wheels[name]
+        self._wheel = settings.axes[name]
         self._link = link
         self.signals = {f"{name}.angle": "rad", f"{name}.velocity": "rad/s"}
         self.commands = {f"{name}.torque": "N m"}
@@ -183,12 +177,12 @@ class PocketDrive(PhasedDrive):
 class PocketStopper:
     """What the guard must know; see `Stopper`."""
 
-    drives = ("left", "right")
     reports = True
 
     def __init__(self, settings):
         """Know the controllers by their nodes."""
-        self._names = {wheel.node: name for name, wheel in settings.wheels.items()}
+        self.drives = tuple(settings.axes)
+        self._names = {wheel.node: name for name, wheel in settings.axes.items()}
 
     def read(self, frame):
         """What a frame means."""
@@ -202,14 +196,14 @@ class PocketStopper:
         return None
 
     def stop(self):
-        """Zero with the motor off, for both."""
+        """Zero with the motor off, for all."""
         return [command_frame(node, 0.0, on=False) for node in self._names]
 
 
 FAMILY = DriveFamily(
     settings=PocketSettings,
     drives=lambda settings, link, period_s, clock: [
-        PocketDrive(link, name, settings, period_s, clock) for name in settings.wheels
+        PocketDrive(link, name, settings, period_s, clock) for name in settings.axes
     ],
     stopper=PocketStopper,
     watchdog=lambda _: DriveWatchdog(WATCHDOG_S, "fixed in its firmware"),

@@ -20,7 +20,7 @@ class SimulatedPocketDrives:
 
     def __init__(self, link, settings):
         """Switch them on."""
-        self._link, self._wheels = link, settings.wheels
+        self._link, self._wheels = link, settings.axes
         self.inputs = tuple(f"{name}.torque" for name in self._wheels)
         self.needs = tuple(f"{name}.{value}" for name in self._wheels for value in ("angle", "velocity"))
         self._torques, self._states = dict.fromkeys(self._wheels, 0.0), dict.fromkeys(self._wheels, OFF)

@@ -9,22 +9,25 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.devices import Drive
 from segway_ecc.firmware_io.drives.stopper import Stopper
-from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.plugins import DRIVES, load_plugin
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 
 if TYPE_CHECKING:
     from segway_ecc.firmware_io.links.serial_link import SerialCodec
 
-Settings = TypeVar("Settings", bound=BusSettings)
+Settings = TypeVar("Settings", bound=HardwareSettings)
 
 
 class DriveWatchdog(NamedTuple):
-    """How long a drive goes on without a command, s, and how that is made sure, as the doctor reports it."""
+    """How long a drive goes on without a command, s, and how that is made sure, as the doctor reports it.
+
+    `remedy` is how one that is long is made shorter.
+    """
 
     timeout_s: float
     assured_by: str
+    remedy: str = ""
 
 
 class SettingsToCheck(NamedTuple):
@@ -48,9 +51,12 @@ class DriveFamily(Generic[Settings]):
         drives: (settings, link, loop period in s, clock) -> its drivers.
         stopper: (settings) -> how the guard reads and stops them.
         watchdog: (settings) -> what the doctor reports of their own watchdogs.
-        to_check: (settings) -> which of their settings a person has to check; None where there are none.
+        to_check: (settings) -> which of their settings a person has to check; None where all are read back, or where
+            there are none.
         serial_codec: (settings) -> what it speaks on a serial line, the field `serial` of its settings; None where it
             has no such line.
+        velocity_error: What its velocities may be off beside their scale, rad/s, where they are measured coarsely.
+        packet_pause_bytes: The silence on that line that its firmware needs after each packet, in the time of bytes.
         wire_description: A file that describes its frames, put into every log; None where there is none.
     """
 
@@ -58,8 +64,10 @@ class DriveFamily(Generic[Settings]):
     drives: Callable[[Settings, Link, float, Clock], Sequence[Drive]]
     stopper: Callable[[Settings], Stopper]
     watchdog: Callable[[Settings], DriveWatchdog]
-    to_check: Callable[[Settings], SettingsToCheck] | None = None
+    to_check: Callable[[Settings], SettingsToCheck | None] | None = None
     serial_codec: "Callable[[Settings], SerialCodec] | None" = None
+    velocity_error: float = 0.0
+    packet_pause_bytes: int = 0
     wire_description: Path | None = None
 
 
@@ -67,17 +75,12 @@ def drive_family(name: object) -> DriveFamily[Any]:
     """The installed drive family of a name.
 
     Raises:
-        PluginError: There is none, or it cannot be imported.
+        PluginError: There is none, or it cannot be imported; see `load_plugin`.
     """
-    family = load_plugin(DRIVES, name, "drive family")
-    if not isinstance(family, DriveFamily) or family.settings.__struct_config__.tag != name:
-        raise PluginError(
-            f"drive family '{name}' is none: its entry point must name a DriveFamily, with that tag on its settings"
-        )
-    return family
+    return load_plugin(DRIVES, name, "drive family", DriveFamily)
 
 
-def family_of(settings: BusSettings) -> DriveFamily[Any]:
+def family_of(settings: HardwareSettings) -> DriveFamily[Any]:
     """The drive family that settings are of.
 
     Raises:

@@ -34,8 +34,8 @@ class Observation(NamedTuple):
 class Stopper(Protocol):
     """A drive family as the guard knows it.
 
-    Its drives are what can be commanded by itself: `board`, or `left` and `right`; `reports` is whether they report if
-    they are on.
+    Its drives are what can be commanded by itself: `board`, or each axis by its name; `reports` is whether they report
+    if they are on.
     """
 
     drives: Sequence[str]
@@ -49,16 +49,16 @@ class Stopper(Protocol):
 
 
 class WheelStopper:
-    """Drives of both wheels, which the same frames stop each time; see `Stopper`."""
+    """A drive for each axis, which the same frames stop each time; see `Stopper`."""
 
-    drives: Sequence[str] = ("left", "right")
     reports = True
 
     def __init__(self, names: Mapping[int, str], stop: Sequence[Frame]) -> None:
-        """Know the wheels by a number in their frames, and what stops them."""
+        """Know the axes by a number in their frames, and what stops them."""
+        self.drives: Sequence[str] = tuple(names.values())
         self._names = names
         self._stop = stop
 
     def stop(self) -> Sequence[Frame]:
-        """The frames for both; see `Stopper.stop`."""
+        """The frames for all; see `Stopper.stop`."""
         return self._stop

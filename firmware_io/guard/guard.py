@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.drives.stopper import Stopper
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.guard.watch import Intervention, Watch
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 
 PASS_NS: Final = 2_000_000
 """From one look at the bus to the next."""
@@ -134,6 +134,6 @@ def describe(done: Intervention) -> str:
     return f"stopped the drives: {done.cause}; {after}, {done.frames} frames {lasted}, until {done.end}"
 
 
-def stopper_of(settings: BusSettings) -> Stopper:
+def stopper_of(settings: HardwareSettings) -> Stopper:
     """What reads and stops the drives that a robot file describes."""
     return family_of(settings).stopper(settings)

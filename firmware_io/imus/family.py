@@ -3,14 +3,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.devices import Sensor
-from segway_ecc.firmware_io.errors import PluginError
 from segway_ecc.firmware_io.imus.settings import ImuSettings
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.plugins import IMUS, load_plugin
+
+if TYPE_CHECKING:
+    from segway_ecc.firmware_io.links.serial_link import SerialCodec
 
 DEFAULT_IMU: Final = "xsens_mti"
 """The one that is meant where a robot file names none."""
@@ -25,24 +27,21 @@ class ImuFamily(Generic[Settings]):
         settings: Its section of a robot file, whose tag is its name.
         sensor: (settings, link, loop period in s, clock, longest gap that leaves its values valid in s) -> its driver,
             which measures `imu.*`.
+        serial_codec: Makes what an IMU with `SerialImuSettings` speaks on its line; None for one on the drives' bus.
     """
 
     settings: type[Settings]
     sensor: Callable[[Settings, Link, float, Clock, float], Sensor]
+    serial_codec: "Callable[[], SerialCodec] | None" = None
 
 
 def imu_family(name: object) -> ImuFamily[Any]:
     """The installed IMU of a name.
 
     Raises:
-        PluginError: There is none, or it cannot be imported.
+        PluginError: There is none, or it cannot be imported; see `load_plugin`.
     """
-    family = load_plugin(IMUS, name, "IMU")
-    if not isinstance(family, ImuFamily) or family.settings.__struct_config__.tag != name:
-        raise PluginError(
-            f"IMU '{name}' is none: its entry point must name an ImuFamily, with that tag on its settings"
-        )
-    return family
+    return load_plugin(IMUS, name, "IMU", ImuFamily)
 
 
 def imu_of(settings: ImuSettings) -> ImuFamily[Any]:

@@ -6,11 +6,12 @@ from typing import Annotated
 import msgspec
 
 from segway_ecc.firmware_io.imus.mounting import Axis, Mounting
+from segway_ecc.firmware_io.links.settings import PortSettings
 from segway_ecc.firmware_io.value import Section
 
 
 class ImuSettings(Section, frozen=True, kw_only=True):
-    """An IMU on the drives' bus, whose tag is its name among those installed.
+    """An IMU on the drives' bus, or on a line of its own, whose tag is its name among those installed.
 
     Attributes:
         period_s: How often it sends a set of measurements, s.
@@ -28,3 +29,9 @@ class ImuSettings(Section, frozen=True, kw_only=True):
     def rotation(self) -> Mounting:
         """The mounting as what turns vectors."""
         return Mounting(self.mounting)
+
+
+class SerialImuSettings(ImuSettings, frozen=True, kw_only=True):
+    """An IMU on a serial line of its own; see `ImuSettings`."""
+
+    serial: PortSettings

@@ -22,6 +22,8 @@ _CAN_HARDWARE_TYPE: Final = "280"
 """ARPHRD_CAN of linux/if_arp.h, as sysfs prints it."""
 _IS_UP: Final = 1
 """IFF_UP of linux/if.h."""
+_FD_MTU: Final = 72
+"""CANFD_MTU of linux/can.h: an interface that carries classic frames only has 16."""
 
 _HEADER: Final = struct.Struct("=IHHII")
 """nlmsghdr: length, type, flags, sequence number, port."""
@@ -39,7 +41,7 @@ _TYPE_BITS: Final = 0x3FFF
 """What of an attribute's type is its number; the two bits above are flags."""
 _NAME, _LINKINFO = 3, 18
 _KIND, _DATA = 1, 2
-_BIT_TIMING, _STATE, _RESTART_MS, _ERROR_COUNTERS = 1, 4, 6, 8
+_BIT_TIMING, _STATE, _RESTART_MS, _ERROR_COUNTERS, _DATA_BIT_TIMING = 1, 4, 6, 8, 9
 _STATES: Final = (LinkState.ACTIVE, LinkState.WARNING, LinkState.PASSIVE, LinkState.BUS_OFF)
 """can_state 0 to 3; those above are of an interface that is down."""
 _NO_BITRATE: Final = (0, 0xFFFFFFFF)
@@ -75,12 +77,20 @@ def resolve(interface: str, channel: str) -> tuple[str, str]:
     return "local", "robot" if channel == "auto" else channel
 
 
-def check_socketcan(channel: str, bitrate: int) -> None:
-    """Find out whether the CAN network interface `channel` can be used; `bitrate`, bit/s, is what to propose for it.
+def set_up_options(bitrate: int, fd_bitrate: int | None) -> str:
+    """What `ip link set ... type can` takes for a bus, whose CAN FD, if any, sends data at `fd_bitrate`, bit/s."""
+    return f"bitrate {bitrate}" + ("" if fd_bitrate is None else f" dbitrate {fd_bitrate} fd on")
+
+
+def check_socketcan(channel: str, bitrate: int, fd_bitrate: int | None = None) -> None:
+    """Find out whether the CAN network interface `channel` can be used.
+
+    The bit rates, bit/s, are what to propose for it; with that of CAN FD's data the interface must carry CAN FD.
 
     Raises:
-        BusNotFoundError: It is missing or down.
+        BusNotFoundError: It is missing or down, or carries classic frames only.
     """
+    options = set_up_options(bitrate, fd_bitrate)
     present = socketcan_interfaces()
     if channel not in present:
         there = f"there is {', '.join(present)}" if present else "this machine has no CAN interface"
@@ -88,12 +98,19 @@ def check_socketcan(channel: str, bitrate: int) -> None:
             f"no CAN interface is called '{channel}'; {there}. "
             "Use interface: auto for a virtual bus, or set the interface up first"
         )
-    flags = 0
+    flags, longest = 0, _FD_MTU
     with contextlib.suppress(OSError):  # it may have gone since it was listed
         flags = int((NETWORK_DEVICES / channel / "flags").read_text(), 16)
+        if fd_bitrate is not None:
+            longest = int((NETWORK_DEVICES / channel / "mtu").read_text())
     if not flags & _IS_UP:
         raise BusNotFoundError(
-            f"CAN interface {channel} is down; set it up: sudo ip link set {channel} up type can bitrate {bitrate}"
+            f"CAN interface {channel} is down; set it up: sudo ip link set {channel} up type can {options}"
+        )
+    if longest < _FD_MTU:
+        raise BusNotFoundError(
+            f"CAN interface {channel} carries classic frames only, and the robot's drives are on CAN FD; set it up: "
+            f"sudo ip link set {channel} down; sudo ip link set {channel} up type can {options}"
         )
 
 
@@ -108,6 +125,7 @@ class InterfaceState:
         restart_ms: After how long the kernel restarts a controller that is bus-off, ms; 0 for never.
         tec: The controller's transmit error counter.
         rec: Its receive error counter.
+        data_bitrate: Of the data in frames of CAN FD, bit/s; None too where the interface carries classic frames only.
     """
 
     kind: str
@@ -117,6 +135,7 @@ class InterfaceState:
     restart_ms: int | None = None
     tec: int | None = None
     rec: int | None = None
+    data_bitrate: int | None = None
 
     def __str__(self) -> str:
         """In a few words, for people."""
@@ -124,6 +143,7 @@ class InterfaceState:
             return f"{self.kind or 'unknown'}: no controller that reports"
         words = [str(self.state or "down")]
         words += [f"{self.bitrate} bit/s"] if self.bitrate is not None else []
+        words += [f"data at {self.data_bitrate} bit/s"] if self.data_bitrate is not None else []
         words.append(
             f"restarted {self.restart_ms} ms after bus-off" if self.restart_ms else "not restarted after bus-off"
         )
@@ -170,6 +190,7 @@ def parse_reply(reply: bytes) -> InterfaceState:
     # Only the kind `can` has a controller; in others the same numbers mean something else.
     controller = _attributes(info.get(_DATA, b"")) if name == "can" else {}
     state, bitrate = _u32(controller, _STATE), _u32(controller, _BIT_TIMING)
+    data_bitrate = _u32(controller, _DATA_BIT_TIMING)
     errors = controller.get(_ERROR_COUNTERS, b"")
     tec, rec = _TWO_U16.unpack_from(errors) if len(errors) >= _TWO_U16.size else (None, None)
     return InterfaceState(
@@ -180,6 +201,7 @@ def parse_reply(reply: bytes) -> InterfaceState:
         _u32(controller, _RESTART_MS),
         tec,
         rec,
+        None if data_bitrate in _NO_BITRATE else data_bitrate,
     )
 
 

@@ -11,7 +11,16 @@ from typing import Final, NamedTuple, Protocol
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.can_errors import BusErrors
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, InterfaceWatch
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState, Meter, NowNs, worst_case_bits
+from segway_ecc.firmware_io.links.link import (
+    FD_LENGTHS,
+    Frame,
+    LinkCounters,
+    LinkState,
+    Meter,
+    NowNs,
+    worst_case_bits,
+    worst_case_fd_bits,
+)
 from segway_ecc.firmware_io.links.reopening import Recovery
 
 EXTENDED: Final = 0x80000000
@@ -20,6 +29,11 @@ REMOTE: Final = 0x40000000
 ERROR: Final = 0x20000000
 EXTENDED_IDENTIFIER: Final = 0x1FFFFFFF
 STANDARD_IDENTIFIER: Final = 0x7FF
+FD: Final = 1 << 32
+"""Flags of ours, above those: a frame of CAN FD, and one whose data go at a bit rate of their own."""
+SWITCHED: Final = 1 << 33
+WORD: Final = 0xFFFFFFFF
+"""What of an identifier with flags linux/can.h has."""
 
 GONE: Final = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF})
 """Error codes for an interface that is down or away."""
@@ -28,7 +42,7 @@ MAX_FRAMES: Final = 512
 MAX_DATA: Final = 8
 
 Arrival = tuple[int, bytes, int]
-"""An identifier with flags, up to 8 bytes, and when it came on the wall clock, ns; 0 where that is not known."""
+"""An identifier with flags, the data, and when it came on the wall clock, ns; 0 where that is not known."""
 
 _FAILURES: Final = 10
 """Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
@@ -86,19 +100,34 @@ def wire_parts(frame: Frame) -> tuple[int, int, bytes]:
     """A frame's identifier with its flags, the length that it states, and the data that it carries.
 
     A remote frame carries none; without any data of its own it states all 8 bytes.
+
+    Raises:
+        PortError: It is of CAN FD, with a length that no such frame has: what fills it up is up to the protocol.
     """
     word = frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
+    if frame.is_fd:
+        if len(frame.data) not in FD_LENGTHS:
+            raise PortError(f"CAN FD carries no {len(frame.data)} bytes; fill them up to one of {FD_LENGTHS[9:]}")
+        return word | FD, len(frame.data), frame.data
     if frame.is_remote:
         return word | REMOTE, len(frame.data) or MAX_DATA, b""
     return word, len(frame.data), frame.data
 
 
 class CanBus(NamedTuple):
-    """Which bus a CAN link is on; the kernel's name is that of the network interface, None where the bus is not one."""
+    """Which bus a CAN link is on.
+
+    Attributes:
+        description: For people.
+        bitrate: In bit/s.
+        kernel_name: Of the network interface; None where the bus is not one.
+        fd_bitrate: Of the data in frames of CAN FD, bit/s; None where the bus carries classic frames only.
+    """
 
     description: str
     bitrate: int
     kernel_name: str | None
+    fd_bitrate: int | None = None
 
 
 class _Opened(NamedTuple):
@@ -199,7 +228,7 @@ class CanLink:
         since_ns = self._drained_ns
         try:
             for word, data, stamp_ns in port.drain():
-                is_extended = word >= EXTENDED
+                is_extended = word & EXTENDED != 0
                 identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
                 if word & (ERROR | REMOTE):
                     self._take_other(word, identifier, data, now_ns, frames)
@@ -208,10 +237,14 @@ class CanLink:
                 if not since_ns <= received_ns <= now_ns:
                     received_ns = since_ns if received_ns < since_ns else now_ns
                 self.counters.received += 1
-                self.counters.bits += worst_case_bits(len(data), is_extended=is_extended)
                 if self._errors.state is LinkState.BUS_OFF:  # a controller that is off receives nothing
                     self._errors.state = LinkState.ACTIVE
-                frames.append(Frame(identifier, data, received_ns, is_extended))
+                if word < FD:
+                    self.counters.bits += worst_case_bits(len(data), is_extended=is_extended)
+                    frames.append(Frame(identifier, data, received_ns, is_extended))
+                    continue
+                self.counters.bits += self._fd_bits(len(data), is_extended=is_extended)
+                frames.append(Frame(identifier, data, received_ns, is_extended, is_fd=True))
         except PortError as error:
             self._failures = 1 if frames else self._failures + 1
             if error.is_gone or self._failures >= _FAILURES:
@@ -257,8 +290,17 @@ class CanLink:
 
     def _count_sent(self, frame: Frame) -> None:
         self.counters.sent += 1
+        if frame.is_fd:
+            self.counters.bits += self._fd_bits(len(frame.data), is_extended=frame.is_extended)
+            return
         length = 0 if frame.is_remote else len(frame.data)
         self.counters.bits += worst_case_bits(length, is_extended=frame.is_extended)
+
+    def _fd_bits(self, length: int, *, is_extended: bool) -> int:
+        """A frame of CAN FD, as bits at the bus's bit rate."""
+        slow, fast = worst_case_fd_bits(length, is_extended=is_extended)
+        settings = self._settings
+        return slow + round(fast * settings.bitrate / (settings.fd_bitrate or settings.bitrate))
 
     def _open(self) -> _Opened:
         """Open a port; takes its time, and touches nothing that the loop uses."""

@@ -22,11 +22,14 @@ from segway_ecc.firmware_io.links.can_link import (
     ERROR,
     EXTENDED,
     EXTENDED_IDENTIFIER,
+    FD,
     GONE,
     MAX_DATA,
     MAX_FRAMES,
     REMOTE,
     STANDARD_IDENTIFIER,
+    SWITCHED,
+    WORD,
     Arrival,
     CanBus,
     CanLink,
@@ -36,7 +39,7 @@ from segway_ecc.firmware_io.links.can_link import (
     readiness,
     wire_parts,
 )
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, NowNs
+from segway_ecc.firmware_io.links.link import FD_LENGTHS, Frame, LinkCounters, NowNs
 
 if TYPE_CHECKING:
     import can
@@ -47,6 +50,10 @@ _OPTIONS: Final[dict[str, dict[str, Any]]] = {"slcan": {"timeout": 0.0}}
 """Options with which an interface does not wait for a frame that is not there."""
 _CAN_FRAME: Final = struct.Struct("=IB3x8s")
 """can_frame of linux/can.h: identifier with flags, length, data."""
+_CANFD_FRAME: Final = struct.Struct("=IBB2x64s")
+"""canfd_frame of linux/can.h: identifier with flags, length, flags of CAN FD, data."""
+_CANFD_BRS: Final = 1
+"""Of those flags: the data go at a bit rate of their own."""
 _TIMESPEC: Final = struct.Struct("@ll")
 _U32: Final = struct.Struct("=I")
 _SO_RCVBUFFORCE: Final = 33
@@ -67,59 +74,82 @@ BUFFER_BYTES: Final = 256
 _MAGIC: Final = b"ECC1"
 _DATAGRAM: Final = struct.Struct("<4sQQIBx8s")
 """Magic, sender, wall-clock ns, arbitration id with the flags of linux/can.h, data length, data."""
+_FD_MAGIC: Final = b"ECF1"
+_FD_DATAGRAM: Final = struct.Struct("<4sQQIBB64s")
+"""The same for CAN FD, with its flags after the length."""
 
 Datagram = tuple[int, int, int, int, bytes]
 """A frame on the virtual bus: who of its participants sent it; when, on the wall clock, ns; its identifier with the
-flags of linux/can.h; the length that it states, 0 to 8; and as many bytes."""
+flags of linux/can.h, and ours for CAN FD; the length that it states; and as many bytes."""
+OpenRaw = Callable[[str, LinkCounters, CanBus], CanPort]
 
 
-def make_can_link(
-    interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
+def make_can_link(  # noqa: PLR0913 - what a bus is, and two clocks
+    interface: str,
+    channel: str,
+    bitrate: int,
+    now_ns: NowNs = time.monotonic_ns,
+    wall_ns: NowNs = wall_ns,
+    *,
+    fd_bitrate: int | None = None,
 ) -> CanLink:
     """The link for a bus: over a raw socket where it is the kernel's CAN or the virtual bus, else through python-can.
 
     Interface and channel are python-can's, or `auto`; see `resolve`. The bit rate, bit/s, is used by backends that set
-    it themselves; `now_ns` is the clock of the loop, `wall_ns` that of receive stamps.
+    it themselves; `now_ns` is the clock of the loop, `wall_ns` that of receive stamps. With `fd_bitrate`, bit/s, the
+    bus carries CAN FD too, whose data go at that rate.
     """
-    return _link((interface, channel), bitrate, (now_ns, wall_ns), {"socketcan": SocketCanPort, "local": LocalPort})
+    raw: Mapping[str, OpenRaw] = {"socketcan": SocketCanPort, "local": LocalPort}
+    return _link((interface, channel), (bitrate, fd_bitrate), (now_ns, wall_ns), raw)
 
 
-def make_python_can_link(
-    interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
+def make_python_can_link(  # noqa: PLR0913 - as above
+    interface: str,
+    channel: str,
+    bitrate: int,
+    now_ns: NowNs = time.monotonic_ns,
+    wall_ns: NowNs = wall_ns,
+    *,
+    fd_bitrate: int | None = None,
 ) -> CanLink:
     """The link for a bus through python-can, whatever it is; see `make_can_link`."""
-    return _link((interface, channel), bitrate, (now_ns, wall_ns), {})
+    return _link((interface, channel), (bitrate, fd_bitrate), (now_ns, wall_ns), {})
 
 
 def _link(
-    asked: tuple[str, str],
-    bitrate: int,
-    clocks: tuple[NowNs, NowNs],
-    raw: Mapping[str, Callable[[str, LinkCounters], CanPort]],
+    asked: tuple[str, str], rates: tuple[int, int | None], clocks: tuple[NowNs, NowNs], raw: Mapping[str, OpenRaw]
 ) -> CanLink:
     chosen, name = resolve(*asked)
     description = f"{chosen} {name}"
     if "auto" in asked:
         description += f" (chosen by '{' '.join(asked)}')"
+    bitrate, fd_bitrate = rates
+    bus = CanBus(description, bitrate, name if chosen == "socketcan" else None, fd_bitrate)
 
     def open_port(counters: LinkCounters) -> CanPort:
         if chosen == "socketcan":
-            check_socketcan(name, bitrate)
+            check_socketcan(name, bitrate, fd_bitrate)
         if chosen in raw:
-            return raw[chosen](name, counters)
-        return PythonCanPort(chosen, name, bitrate, counters)
+            return raw[chosen](name, counters, bus)
+        return PythonCanPort(chosen, name, counters, bus)
 
-    bus = CanBus(description, bitrate, name if chosen == "socketcan" else None)
     return CanLink(bus, open_port, *clocks)
+
+
+def _switched(bus: CanBus) -> int:
+    """The flag of frames of CAN FD on a bus: whether their data go at a rate of their own."""
+    return SWITCHED if bus.fd_bitrate not in (None, bus.bitrate) else 0
 
 
 class SocketCanPort:
     """A raw CAN socket; see `CanPort`."""
 
-    def __init__(self, channel: str, counters: LinkCounters) -> None:
+    def __init__(self, channel: str, counters: LinkCounters, bus: CanBus) -> None:
         """Open it on the network interface `channel`, or raise OSError."""
         self._counters = counters
         self._dropped = 0
+        self._fd_flags = _CANFD_BRS if _switched(bus) else 0
+        self._largest = _CAN_FRAME.size if bus.fd_bitrate is None else _CANFD_FRAME.size
         self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         try:
             self._socket.setblocking(False)  # noqa: FBT003 - the standard library's signature
@@ -132,6 +162,8 @@ class SocketCanPort:
             self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
             self._socket.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
             self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
+            if bus.fd_bitrate is not None:
+                self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
             self._socket.bind((channel,))
         except OSError:
             self._socket.close()
@@ -140,8 +172,12 @@ class SocketCanPort:
 
     def send(self, frame: Frame) -> None:
         """Queue a frame; see `CanPort.send`."""
+        word, length, data = wire_parts(frame)
         try:
-            self._socket.send(_CAN_FRAME.pack(*wire_parts(frame)))
+            if word < FD:
+                self._socket.send(_CAN_FRAME.pack(word, length, data))
+            else:
+                self._socket.send(_CANFD_FRAME.pack(word & WORD, length, self._fd_flags, data))
         except OSError as error:
             raise port_error(error) from error
 
@@ -150,7 +186,7 @@ class SocketCanPort:
         receive = self._socket.recvmsg
         for _ in range(MAX_FRAMES):
             try:
-                frame, ancillary, _, _ = receive(_CAN_FRAME.size, _ANCILLARY_BYTES)
+                frame, ancillary, _, _ = receive(self._largest, _ANCILLARY_BYTES)
             except BlockingIOError:
                 return
             except OSError as error:
@@ -158,6 +194,9 @@ class SocketCanPort:
             if len(frame) == _CAN_FRAME.size:
                 word, length, data = _CAN_FRAME.unpack(frame)
                 yield word, data[:length], self._stamp_ns(ancillary)
+            elif len(frame) == _CANFD_FRAME.size:
+                word, length, _, data = _CANFD_FRAME.unpack(frame)
+                yield word | FD, data[:length], self._stamp_ns(ancillary)
             else:
                 self._counters.undecodable += 1
             if not self._is_ready():
@@ -184,10 +223,12 @@ class SocketCanPort:
 class LocalPort:
     """A participant of the virtual bus; see `CanPort`."""
 
-    def __init__(self, channel: str, counters: LinkCounters) -> None:
+    def __init__(self, channel: str, counters: LinkCounters, bus: CanBus) -> None:
         """Join the bus, or raise OSError."""
         group = multicast_group(channel)
         self._counters = counters
+        self._switched = _switched(bus)
+        self._most = WORD if bus.fd_bitrate is None else WORD | FD | SWITCHED
         self._to = (group, PORT)
         self._sender = new_sender()
         self._socket = multicast_socket(group)
@@ -195,8 +236,13 @@ class LocalPort:
 
     def send(self, frame: Frame) -> None:
         """Send a frame; see `CanPort.send`."""
+        word, length, data = wire_parts(frame)
+        if word >= FD:
+            word |= self._switched
+        if word > self._most:
+            raise PortError("it was opened for classic CAN frames")
         try:
-            self._socket.sendto(encode(self._sender, *wire_parts(frame)), self._to)
+            self._socket.sendto(encode(self._sender, word, length, data), self._to)
         except OSError as error:
             raise port_error(error) from error
 
@@ -211,8 +257,10 @@ class LocalPort:
             except OSError as error:
                 raise port_error(error) from error
             sender, stamp_ns, word, _, data = frame or (own, 0, 0, 0, b"")
-            # A standard frame's identifier has 11 bits at most; an error frame's are classes of errors.
-            if frame is None or not (word & (EXTENDED | ERROR) or word & ~REMOTE <= STANDARD_IDENTIFIER):
+            # A standard frame's identifier has 11 bits at most; an error frame's are classes of errors. Of CAN FD
+            # nothing is received where it was not asked for, as a classic controller would have it.
+            is_whole = word & (EXTENDED | ERROR) or word & WORD & ~REMOTE <= STANDARD_IDENTIFIER
+            if frame is None or word > self._most or not is_whole:
                 self._counters.undecodable += 1
             elif sender != own:
                 yield word, data, stamp_ns
@@ -231,11 +279,19 @@ def new_sender() -> int:
 
 def encode(sender: int, word: int, length: int, data: bytes) -> bytes:
     """A datagram, stamped with the wall clock's time of now."""
-    return _DATAGRAM.pack(_MAGIC, sender, time.clock_gettime_ns(time.CLOCK_REALTIME), word, length, data)
+    now_ns = time.clock_gettime_ns(time.CLOCK_REALTIME)
+    if word < FD:
+        return _DATAGRAM.pack(_MAGIC, sender, now_ns, word, length, data)
+    return _FD_DATAGRAM.pack(_FD_MAGIC, sender, now_ns, word & WORD, length, word >> 32, data)
 
 
 def decode(datagram: bytes) -> Datagram | None:
     """The frame in a datagram; None where there is none."""
+    if len(datagram) == _FD_DATAGRAM.size:
+        magic, sender, stamp_ns, word, length, flags, data = _FD_DATAGRAM.unpack(datagram)
+        if magic != _FD_MAGIC or length not in FD_LENGTHS:
+            return None
+        return sender, stamp_ns, word & ~(REMOTE | ERROR) | FD | (SWITCHED & flags << 32), length, data[:length]
     if len(datagram) != _DATAGRAM.size:
         return None
     magic, sender, stamp_ns, word, length, data = _DATAGRAM.unpack(datagram)
@@ -278,7 +334,7 @@ def multicast_socket(group: str) -> socket.socket:
 class PythonCanPort:
     """An open python-can bus; see `CanPort`."""
 
-    def __init__(self, interface: str, channel: str, bitrate: int, counters: LinkCounters) -> None:
+    def __init__(self, interface: str, channel: str, counters: LinkCounters, bus: CanBus) -> None:
         """Open it, or raise OSError."""
         import can
 
@@ -287,9 +343,13 @@ class PythonCanPort:
         self._understands_errors = interface in _KERNEL_ERROR_FRAMES
         # Of SocketCAN, python-can marks what any program of this machine sent; our own does not come back there.
         self._marks_own = interface != "socketcan"
+        self._is_switched = bool(_switched(bus))
+        self._takes_fd = bus.fd_bitrate is not None
         options = _OPTIONS.get(interface, {})
+        if bus.fd_bitrate is not None:
+            options = {**options, "fd": True, "data_bitrate": bus.fd_bitrate}
         try:
-            self._bus = can.Bus(channel=channel, interface=interface, bitrate=bitrate, **options)
+            self._bus = can.Bus(channel=channel, interface=interface, bitrate=bus.bitrate, **options)
         except (can.CanError, ValueError, ImportError) as error:
             raise OSError(str(error)) from error
 
@@ -301,6 +361,8 @@ class PythonCanPort:
             dlc=wire_parts(frame)[1],
             is_extended_id=frame.is_extended,
             is_remote_frame=frame.is_remote,
+            is_fd=frame.is_fd,
+            bitrate_switch=frame.is_fd and self._is_switched,
             check=False,
         )
         try:
@@ -332,7 +394,7 @@ class PythonCanPort:
             self._bus.shutdown()
 
     def _arrival(self, message: "can.Message") -> Arrival | None:
-        """A message as it would be on a raw socket; None where it is no classic CAN frame."""
+        """A message as it would be on a raw socket; None where it is no CAN frame, or of CAN FD and not asked for."""
         stamp_ns = int(message.timestamp * 1e9)
         if message.is_error_frame:
             classes = message.arbitration_id & EXTENDED_IDENTIFIER if self._understands_errors else 0
@@ -340,9 +402,13 @@ class PythonCanPort:
         identifier, data = message.arbitration_id, bytes(message.data)
         largest = EXTENDED_IDENTIFIER if message.is_extended_id else STANDARD_IDENTIFIER
         is_whole = message.is_remote_frame or len(data) == message.dlc
-        if not (is_whole and message.dlc <= MAX_DATA and 0 <= identifier <= largest):
+        lengths = FD_LENGTHS if message.is_fd else FD_LENGTHS[: MAX_DATA + 1]
+        if not (is_whole and message.dlc in lengths and 0 <= identifier <= largest):
+            return None
+        if message.is_fd and not self._takes_fd:
             return None
         flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
+        flags |= FD if message.is_fd else 0
         return identifier | flags, data, stamp_ns
 
 

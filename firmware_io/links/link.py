@@ -11,17 +11,24 @@ from segway_ecc.firmware_io.value import Value
 NowNs = Callable[[], int]
 """The clock of the loop, monotonic, ns."""
 _NS_PER_S: Final = 1e9
+_SHORT_CRC_BYTES: Final = 16
+"""Up to so many bytes the CRC of a CAN FD frame has 17 bits."""
+
+
+FD_LENGTHS: Final[tuple[int, ...]] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of data that a CAN FD frame can have (ISO 11898-1:2015)."""
 
 
 class Frame(Value, frozen=True):
-    """A classic CAN frame; on a serial line, what the line carries in place of one.
+    """A CAN frame, classic or of CAN FD; on a serial line, what the line carries in place of one.
 
     Attributes:
         arbitration_id: 11 bits, or 29 where `is_extended`.
-        data: 0 to 8 bytes.
+        data: 0 to 8 bytes; of CAN FD, as many as one of `FD_LENGTHS`.
         received_ns: When it arrived, on the clock of the loop, ns; 0 for a frame to be sent.
         is_extended: Whether the identifier is a 29-bit one.
         is_remote: Whether it asks for the data instead of carrying it; a robot sends such frames, and receives none.
+        is_fd: Whether it is of CAN FD. Whether its data go at a bit rate of their own is up to the bus it is sent on.
     """
 
     arbitration_id: int
@@ -29,6 +36,15 @@ class Frame(Value, frozen=True):
     received_ns: int = 0
     is_extended: bool = False
     is_remote: bool = False
+    is_fd: bool = False
+
+
+def fd_length(size: int) -> int:
+    """The least length of a CAN FD frame that has room for `size` bytes; ValueError for more than 64."""
+    for length in FD_LENGTHS:
+        if length >= size:
+            return length
+    raise ValueError(f"a CAN FD frame has room for {FD_LENGTHS[-1]} bytes, not for {size}")
 
 
 def worst_case_bits(length: int, *, is_extended: bool) -> int:
@@ -38,6 +54,19 @@ def worst_case_bits(length: int, *, is_extended: bool) -> int:
     (2007), equations 1 and 2: 55 + 10 n bits for 11-bit identifiers, 80 + 10 n for 29-bit ones, n bytes of data.
     """
     return (80 if is_extended else 55) + 10 * length
+
+
+def worst_case_fd_bits(length: int, *, is_extended: bool) -> tuple[int, int]:
+    """Bits of a CAN FD frame: those at the bus's bit rate, and those at the rate of its data; as `worst_case_bits`.
+
+    Source: the fields of ISO 11898-1:2015. At the bus's rate: from start of frame to the bit-rate switch, 17 bits or
+    36, with a stuff bit after each four, and 13 from the delimiter of the CRC to the space after it. At that of the
+    data: five bits and the data with their stuff bits, a stuff count of four, a CRC of 17 bits or, above 16 bytes, of
+    21, and the fixed stuff bits of those two.
+    """
+    head, covered = (36 if is_extended else 17), 5 + 8 * length
+    check = 4 + (17 if length <= _SHORT_CRC_BYTES else 21)
+    return head + (head - 1) // 4 + 13, covered + -(-covered // 4) + check + 1 + check // 4
 
 
 @enum.unique
@@ -62,7 +91,8 @@ class LinkCounters:
     sent: int = 0
     received: int = 0
     bits: int = 0
-    """Of the frames sent and received, with the most stuffing possible."""
+    """Of the frames sent and received, with the most stuffing possible; faster ones as what they take at the bus's bit
+    rate."""
     send_dropped: int = 0
     """Frames the transmit queue had no room for."""
     error_frames: int = 0

@@ -12,7 +12,7 @@ from typing import Any
 import can
 from can.typechecking import AutoDetectedConfig
 
-from segway_ecc.firmware_io.links.can_link import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
+from segway_ecc.firmware_io.links.can_link import ERROR, EXTENDED, EXTENDED_IDENTIFIER, FD, REMOTE, SWITCHED
 from segway_ecc.firmware_io.links.can_ports import (
     BUFFER_BYTES,
     PORT,
@@ -27,8 +27,15 @@ from segway_ecc.firmware_io.links.can_ports import (
 class LocalBus(can.BusABC):
     """One participant on a virtual bus; other channels are other buses."""
 
-    def __init__(self, channel: Any = "robot", can_filters: Any = None, **kwargs: Any) -> None:  # noqa: ANN401 - python-can's signature
-        """Join the bus named `channel`."""
+    def __init__(
+        self,
+        channel: Any = "robot",  # noqa: ANN401 - python-can's signature
+        can_filters: Any = None,  # noqa: ANN401
+        *,
+        fd: bool = False,
+        **kwargs: Any,  # noqa: ANN401
+    ) -> None:
+        """Join the bus named `channel`, for classic frames or, with `fd`, for those of CAN FD too."""
         self._group = multicast_group(str(channel))
         self._sender = new_sender()
         try:
@@ -37,7 +44,7 @@ class LocalBus(can.BusABC):
             raise can.CanInitializationError(error.strerror or str(error), error.errno) from error
         self.channel_info = f"virtual bus '{channel}' on this machine"
         self.undecodable = 0
-        self._can_protocol = can.CanProtocol.CAN_20
+        self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - a datagram is sent at once
@@ -46,10 +53,12 @@ class LocalBus(can.BusABC):
         Raises:
             can.CanOperationError: The datagram could not be sent.
         """
-        if msg.is_fd:
-            raise can.CanOperationError(f"{self.channel_info} carries classic CAN frames only")
+        if msg.is_fd and self._can_protocol is not can.CanProtocol.CAN_FD:
+            raise can.CanOperationError(f"{self.channel_info} was opened for classic CAN frames only")
         flags = (EXTENDED if msg.is_extended_id else 0) | (REMOTE if msg.is_remote_frame else 0)
         flags |= ERROR if msg.is_error_frame else 0
+        if msg.is_fd:
+            flags |= FD | (SWITCHED if msg.bitrate_switch else 0)
         datagram = encode(self._sender, msg.arbitration_id | flags, msg.dlc, bytes(msg.data))
         try:
             self._socket.sendto(datagram, (self._group, PORT))
@@ -78,12 +87,17 @@ class LocalBus(can.BusABC):
         sender, stamp_ns, word, length, data = frame
         if sender == self._sender:
             return None
+        if word & FD and self._can_protocol is not can.CanProtocol.CAN_FD:
+            self.undecodable += 1
+            return None
         return can.Message(
             timestamp=stamp_ns * 1e-9,
             arbitration_id=word & EXTENDED_IDENTIFIER,
             is_extended_id=bool(word & EXTENDED),
             is_remote_frame=bool(word & REMOTE),
             is_error_frame=bool(word & ERROR),
+            is_fd=bool(word & FD),
+            bitrate_switch=bool(word & SWITCHED),
             dlc=length,
             data=b"" if word & REMOTE else data,
             channel=self.channel_info,

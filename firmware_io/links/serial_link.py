@@ -15,7 +15,7 @@ import termios
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import serial
 from serial.tools import list_ports
@@ -23,7 +23,7 @@ from serial.tools import list_ports
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState, Meter, NowNs
 from segway_ecc.firmware_io.links.reopening import Recovery
-from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.links.settings import PortSettings
 
 LOST: Final = "lost"
 """The cause under which a line counts what never arrived, by its sequence numbers."""
@@ -42,6 +42,8 @@ _MOST_BACKLOG: Final = 1024
 _FINISHED_WITHIN_NS: Final = 20_000_000
 """What is left of a packet is sent for this long; later it would bring an old command to a drive."""
 
+_LAST_TIMES: Final = 3
+"""How often the last packet is repeated as the line is closed."""
 _NO_WRITE_TIMEOUT: Final = ("loop://", "rfc2217://")
 """Of these pyserial refuses one, or with one of 0 never writes."""
 _UNSENT: Final = 0x894B
@@ -88,8 +90,15 @@ class SerialCodec(Protocol):
         """Discard what was received of an unfinished frame."""
 
 
-OpenPort = Callable[[SerialSettings], Port]
+OpenPort = Callable[[PortSettings], Port]
 """Opens a port, may take its time, and raises OSError where it cannot."""
+
+
+class PacketPause(NamedTuple):
+    """The silence that the other end needs after each packet, in the time of bytes, and what waits until it is over."""
+
+    bytes: int
+    sleep_until_ns: Callable[[int], None]
 
 
 class PySerialPort:
@@ -144,7 +153,7 @@ class PySerialPort:
             self._port.close()
 
 
-def open_serial_port(settings: SerialSettings) -> PySerialPort:
+def open_serial_port(settings: PortSettings) -> PySerialPort:
     """Open a port for this program alone; takes its time.
 
     Raises:
@@ -161,7 +170,7 @@ def open_serial_port(settings: SerialSettings) -> PySerialPort:
         raise OSError(str(error)) from error
 
 
-def open_remedy(settings: SerialSettings, error: OSError) -> str:
+def open_remedy(settings: PortSettings, error: OSError) -> str:
     """What to do about a port that could not be opened."""
     match error.errno:
         case errno.EACCES | errno.EPERM:
@@ -185,6 +194,10 @@ class SerialLink:
     port has no room for is dropped: an old command is worse than none. Of a packet that went out in part the rest goes
     first next time, so that what follows is whole; where it is too old for that, the other end refuses the half.
 
+    Where the other end needs a pause after each packet, one that is sent too soon is held back, and is replaced by the
+    next. The last one, which switches the motors off, is repeated when the line is closed: nothing follows that would
+    make up for one that is lost.
+
     Frames are stamped when they are read, so they are up to one cycle older than they look.
 
     Attributes:
@@ -193,7 +206,12 @@ class SerialLink:
     """
 
     def __init__(
-        self, settings: SerialSettings, codec: SerialCodec, now_ns: NowNs, open_port: OpenPort = open_serial_port
+        self,
+        settings: PortSettings,
+        codec: SerialCodec,
+        now_ns: NowNs,
+        open_port: OpenPort = open_serial_port,
+        pause: PacketPause | None = None,
     ) -> None:
         """Describe the line; `open` opens its port."""
         self.counters = LinkCounters()
@@ -208,6 +226,11 @@ class SerialLink:
         self._unwritten = b""
         self._unwritten_ns = 0
         self._asked_ns: int | None = None
+        self._pause = pause
+        self._last = b""
+        self._quiet_ns = 0
+        """When the pause after the last packet is over."""
+        self._held_back = 0
         self._requests = 0
         self._not_carried = 0
         self._full_reads = 0
@@ -234,6 +257,7 @@ class SerialLink:
             **self.counters.as_text(),
             "requests": str(self._requests),
             "not_carried": str(self._not_carried),
+            **({} if self._pause is None else {"held_back": str(self._held_back)}),
             "full_reads": str(self._full_reads),
             **{f"refused.{cause}": str(count) for cause, count in sorted(self._codec.refused.items())},
             **self._meter.measure(self._settings.baudrate),
@@ -254,6 +278,10 @@ class SerialLink:
         packet = self._codec.encode(frame)
         if packet is None:
             self._not_carried += 1
+            return True
+        self._last = packet
+        if self._pause is not None and self._now_ns() < self._quiet_ns:
+            self._held_back += 1
             return True
         port, was_written = self._port, False
         if port is not None:
@@ -292,6 +320,8 @@ class SerialLink:
         """Close the port, and whatever is on its way to be opened."""
         self._recovery.end()
         if self._port is not None:
+            if self._last and self._pause is not None:
+                self._repeat_last(self._port, self._pause)
             self._port.close()
             self._port = None
 
@@ -328,13 +358,27 @@ class SerialLink:
         was_begun = written > due
         if was_begun:
             self._unwritten, self._unwritten_ns = queue[written:], now_ns
+            self._begin_pause(len(queue))
         else:
             self._unwritten = self._unwritten[written:]
         return was_begun
 
+    def _begin_pause(self, count: int) -> None:
+        """Wait, with the next packet, for so many bytes to go out and for the pause after them."""
+        if self._pause is not None:
+            lasts_s = _BITS_PER_BYTE * (count + self._pause.bytes) / self._settings.baudrate
+            self._quiet_ns = self._now_ns() + round(lasts_s * 1e9)
+
+    def _repeat_last(self, port: Port, pause: PacketPause) -> None:
+        for _ in range(_LAST_TIMES):
+            pause.sleep_until_ns(self._quiet_ns)
+            with contextlib.suppress(OSError):
+                port.write(self._last)
+            self._begin_pause(len(self._last))
+
     def _use(self, port: Port) -> None:
         self._port = port
-        self._unwritten = b""
+        self._unwritten = self._last = b""
         self._asked_ns = None
         self._codec.reset()
 

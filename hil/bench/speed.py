@@ -21,6 +21,7 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_ports import make_can_link, make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.bench.rig import own_cache, virtual_interface
+from segway_ecc.hil.campaign.both_plants import sampled
 from segway_ecc.hil.campaign.run import run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.case_study.can import LockstepCanSeat
@@ -46,9 +47,7 @@ _SEGWAY: Final = "segway"
 _DRIVEN_S: Final = 10.0
 CAMPAIGN_WANTED: Final = 10.0
 """Runs a second on two cores: what a campaign is to be."""
-_SAMPLE: Final = 32
-_BEGIN: Final = 4
-"""Runs for each core that are not counted: its process has to start first."""
+_SAMPLE: Final = 96
 SEGWAY_WANTED: Final = 50.0
 """Times real time: what the segway's lock step is to be."""
 
@@ -91,7 +90,7 @@ def _took_s(run: Callable[[], object]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class CampaignSpeed:
-    """A part of the campaign, evenly chosen: the runs counted, `of` all, on so many processes, how long they took."""
+    """A part of the campaign, evenly chosen, `of` all its runs, on so many processes; how long it took, all in all."""
 
     runs: int
     of: int
@@ -105,14 +104,11 @@ class CampaignSpeed:
 
 
 def campaign_speed() -> CampaignSpeed:
-    """Run every n-th trial of the campaign on all cores."""
+    """Run a part of the campaign on all cores, from the start of their processes to the last result."""
     trials = runs_of(list(load_all([])))
-    jobs = len(os.sched_getaffinity(0))
-    chosen = trials[:: max(len(trials) // (_SAMPLE + jobs * _BEGIN), 1)]
-    first = jobs * _BEGIN
-    times: list[float] = []
-    run_campaign(chosen, jobs, lambda _done, _all: times.append(time.monotonic()))
-    return CampaignSpeed(len(times) - first, len(trials), jobs, times[-1] - times[first - 1])
+    chosen, jobs = sampled(trials, _SAMPLE), len(os.sched_getaffinity(0))
+    took_s = _took_s(lambda: run_campaign(chosen, jobs, lambda _done, _all: None))
+    return CampaignSpeed(len(chosen), len(trials), jobs, took_s)
 
 
 def model_step() -> dict[str, float]:

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: MIT
 """One run of a scenario in lock step: node, bus, drives and plant in this process, on a simulated clock.
 
-And a campaign: every scenario with each of its seeds and sets of parameters, side by side on the cores; and as a web
-page.
+And a campaign: every scenario with each of its seeds and sets of parameters, side by side on the cores.
 """
 
 import dataclasses
 import functools
-import math
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from html import escape
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, cast
 
@@ -20,34 +17,24 @@ from segway_ecc.firmware_io.build import make_link, serial_of, takes_serial, wit
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.guard.guard import stopper_of
-from segway_ecc.hil.campaign.scenario import (
-    HEAD,
-    MODEL,
-    PLANT,
-    Scenario,
-    ScenarioResult,
-    ScenarioRun,
-    cells,
-    judged,
-    verdict,
-)
+from segway_ecc.hil.campaign.branches import Branch, Branches
+from segway_ecc.hil.campaign.commander import Commander
+from segway_ecc.hil.campaign.scenario import MODEL, PLANT, Scenario, ScenarioResult, ScenarioRun, judged
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
 from segway_ecc.hil.devices.family import simulated_imu
 from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
-from segway_ecc.hil.faults.fault import Fault, Injection, Injections, active
+from segway_ecc.hil.faults.fault import Fault, Injections
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
-from segway_ecc.hil.faults.models import AmissValues, SlowModel, misbehaves, misbehaving
+from segway_ecc.hil.faults.models import SlowModel, misbehaves, misbehaving
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.faults.stranger import Stranger
 from segway_ecc.hil.floor.contact import on_floor, tyres
-from segway_ecc.hil.page import page, pairs, section, table
 from segway_ecc.hil.processes import quiet, results_of
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
-from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Request, StampedSetpoint, VariableWrite
-from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.recording.cycle_log import CycleLog
@@ -55,23 +42,15 @@ from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.safety.modes import Action, Answer, Mode
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
 REPLAY: Final = "replay: "
 """How the reason begins where a replay was not identical."""
-_CHUNK: Final = 4
-_TITLE: Final = "Campaign: declared faults, in lock step"
-_INTRODUCTION: Final = (
-    "Each row is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
-    "change of mode or line, and to the last torque or voltage that a drive gave. The distance is from where the "
-    "robot without the fault is at the same time. The command in a row runs it again, bit-identical."
-)
+_AT_ONCE: Final = 32
+"""Runs of one trunk, at most: what that costs is little beside them, and the cores end at about the same time."""
 _ARMED_WITHIN_S: Final = 5.0
 _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "faults", Mode.DISARMED: "disarmed"}
-_ASKS: Final = {"off": (Action.STOP,), "wrong": (Action.DISARM,), "stuck": (Action.CLEAR_FAULT, Action.ARM)}
-"""What an operator asks, by the type of the fault."""
-_NOT_NUMBERS: Final = (Setpoint(math.nan, math.nan), Setpoint(math.inf, -math.inf))
 
 
 class _Settings(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,22 +74,53 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
         ConfigurationError: The robot or the parameters do not fit.
         ModelError: A parameter is unknown.
     """
-    scenario = run.scenario
-    settings = _Settings(
+    bench = _ScenarioBench(_settings_of(run, log))
+    bench.run()
+    return _result_of(run, bench)
+
+
+@quiet("segway_ecc.node")
+def run_alike(runs: Sequence[ScenarioRun]) -> list[ScenarioResult]:
+    """Run scenarios that differ in their faults alone, by forks of this process; see `branches` and `run_scenario`."""
+    if len(runs) == 1:
+        return [run_scenario(runs[0])]
+    trunk = _without_faults(runs[0])
+    _undisturbed(trunk)  # before the forks, each of which compares with it
+    bench = _ScenarioBench(trunk)
+    branches = Branches[ScenarioResult](bench.injections, [_branch_of(run) for run in runs])
+    bench.rig.add(branches)
+    found = branches.run(bench.run, lambda place: _result_of(runs[place], bench))
+    # A robot that is never armed has no fault either.
+    return [found[place] if place in found else run_scenario(run) for place, run in enumerate(runs)]
+
+
+def _settings_of(run: ScenarioRun, log: Path | None = None) -> _Settings:
+    return _Settings(
         robot=run.robot,
-        manoeuvre=scenario.manoeuvre,
-        faults=scenario.faults,
-        fallback=scenario.fallback,
+        manoeuvre=run.scenario.manoeuvre,
+        faults=run.scenario.faults,
+        fallback=run.scenario.fallback,
         seed=run.seed,
         parameters=tuple(sorted(run.parameters.items())),
         floor=run.floor,
         log=log,
     )
-    bench = _ScenarioBench(settings)
-    bench.run()
+
+
+def _without_faults(run: ScenarioRun) -> _Settings:
+    return msgspec.structs.replace(_settings_of(run), faults=(), seed=0)
+
+
+def _branch_of(run: ScenarioRun) -> Branch:
+    return Branch(run.scenario.faults, run.seed)
+
+
+def _result_of(run: ScenarioRun, bench: "_ScenarioBench") -> ScenarioResult:
+    """What came of a run, judged."""
+    scenario = run.scenario
     fault_ns = bench.injections.first_ns or 0
     changes = bench.node.changes[1:]  # the first is to be armed
-    after = [change for change in changes if change.at_ns >= fault_ns] if scenario.faults else []
+    after = [change for change in changes if change.at_ns >= fault_ns]
     reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
     reasons += [*bench.commander.refusals, bench.error or bench.arming_refusal or ""]
     drive = bench.drive
@@ -119,14 +129,14 @@ def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
         scenario=scenario.name,
         robot=run.robot,
         seed=run.seed,
-        parameters=dict(settings.parameters),
+        parameters=dict(sorted(run.parameters.items())),
         outcome=bench.outcome(fault_ns),
         reason="; ".join(filter(None, reasons)),
         detection_s=(after[0].at_ns - fault_ns) * 1e-9 if after else None,
         safe_s=None if drive.is_pushing else max(drive.last_push_ns - fault_ns, 0) * 1e-9,
         max_tilt_rad=drive.max_tilt,
         has_fallen=drive.has_fallen,
-        max_distance_m=apart(drive.way, _undisturbed(msgspec.structs.replace(settings, faults=(), seed=0, log=None))),
+        max_distance_m=apart(drive.way, _undisturbed(_without_faults(run))),
         switches=tuple(change.reason for change in bench.node.changes if change.mode is None),
         simulated_s=bench.rig.now_ns() * 1e-9,
         digest=drive.digest,
@@ -160,19 +170,40 @@ def run_campaign(
 ) -> list[ScenarioResult]:
     """Run scenarios; the results are in their order, and bit-identical whatever `jobs` is.
 
-    So many processes run at a time, 1 for this one alone, and `on_progress` is called after each run. With `replayed`
-    each run is also recorded and replayed, and has to be identical.
+    So many processes run at a time, 1 for this one alone, one run after the other; several make what is common to many
+    runs once. `on_progress` is called for each run. With `replayed` each run is also recorded and replayed, and has to
+    be identical.
 
     Raises:
         ConfigurationError: A robot or a parameter does not fit.
         ModelError: A parameter is unknown.
     """
-    results = []
-    with results_of(run_and_replay if replayed else run_scenario, runs, jobs, _CHUNK) as finished:
-        for result in finished:
-            results.append(result)
-            on_progress(len(results), len(runs))
-    return results
+    tasks = [[place] for place in range(len(runs))] if replayed or jobs == 1 else _alike(runs)
+    results: dict[int, ScenarioResult] = {}
+    todo = [[runs[place] for place in places] for places in tasks]
+    with results_of(_run_and_replay_each if replayed else run_alike, todo, jobs) as finished:
+        for places, found in zip(tasks, finished, strict=True):
+            for place, result in zip(places, found, strict=True):
+                results[place] = result
+                on_progress(len(results), len(runs))
+    return [results[place] for place in range(len(runs))]
+
+
+def _alike(runs: Sequence[ScenarioRun]) -> list[list[int]]:
+    """The places of runs that can be made together, the most first, so that all cores are busy to the end."""
+    groups: dict[_Settings, list[int]] = {}
+    alone = []
+    for place, run in enumerate(runs):
+        if _branch_of(run).begins_ns is None:
+            alone.append([place])
+        else:
+            groups.setdefault(_without_faults(run), []).append(place)
+    together = [places[at : at + _AT_ONCE] for places in groups.values() for at in range(0, len(places), _AT_ONCE)]
+    return sorted([*together, *alone], key=len, reverse=True)
+
+
+def _run_and_replay_each(runs: Sequence[ScenarioRun]) -> list[ScenarioResult]:
+    return [run_and_replay(run) for run in runs]
 
 
 def run_and_replay(run: ScenarioRun) -> ScenarioResult:
@@ -187,101 +218,6 @@ def run_and_replay(run: ScenarioRun) -> ScenarioResult:
     return msgspec.structs.replace(result, why_not=(*result.why_not, why))
 
 
-def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
-    """The results and named facts of a campaign as a complete HTML page, what is not as expected first."""
-    bad = [result for result in results if not result.is_as_expected]
-    good = [result for result in results if result.is_as_expected]
-    sections = (
-        section("Verdict", f"<p>{escape(verdict(results))}.</p>\n"),
-        section("Not as expected", _table(bad)) if bad else "",
-        section("As expected", _table(good)) if good else "",
-        section("Facts of this campaign", pairs(facts)),
-    )
-    return page(_TITLE, _INTRODUCTION, sections)
-
-
-def _table(results: Sequence[ScenarioResult]) -> str:
-    rows = []
-    for result in results:
-        name, *others = cells(result)
-        data = "".join(f"<td>{escape(text)}</td>" for text in others)
-        reasons = "".join(f"<span>{escape(part)}</span><br>" for part in (*result.why_not, result.reason) if part)
-        last = f"<td>{reasons}<code>{escape(result.command)}</code></td>"
-        kind = "" if result.is_as_expected else ' class="bad"'
-        rows.append(f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n')
-    return table("Runs", (*HEAD, "reason, and how to run it again"), rows)
-
-
-class Commander(NoStage):
-    """The base station: it sends the set-points of a manoeuvre, unstamped, over a link that may fail; see `Stage`.
-
-    It begins when the robot is armed, and ends with the manoeuvre. `refusals` has why what was asked was refused, each
-    reason once.
-    """
-
-    def __init__(self, manoeuvre: Manoeuvre, injections: Injections, set_names: Sequence[str] = ()) -> None:
-        """Play a manoeuvre on the timeline of the faults, to a robot with values of these names to be set."""
-        self._amiss = AmissValues(injections, set_names)
-        self._timeline = injections.timeline
-        self._injections = injections.of("command_link")
-        self._duration_ns = manoeuvre.duration_ns
-        self._pending = list(schedule(manoeuvre))
-        self._last = REST
-        self._on_the_way: list[tuple[int, Setpoint]] = []
-        self._asks = injections.of("operator")
-        self._writes = injections.of("parameter")
-        self._is_lost = injections.of("ros")
-        self.refusals: dict[str, None] = {}
-
-    def take_inbox(self) -> Inbox:
-        """The set-points that arrive now; and check whether the manoeuvre is over."""
-        inbox, elapsed_ns = Inbox(values=self._amiss.take()), self._timeline.elapsed_ns
-        if elapsed_ns >= self._duration_ns:
-            self.over = "the manoeuvre is over"
-        faults = active(self._injections)
-        while self._pending and self._pending[0].offset_ns <= elapsed_ns:
-            sent = self._pending.pop(0)
-            delay_s = sum(i.size for i in faults if i.fault.type == "delayed")
-            self._on_the_way.append((elapsed_ns + round(delay_s * 1e9), sent.setpoint))
-        arrived: list[Setpoint] = []
-        if self._on_the_way:
-            arrived = [setpoint for due_ns, setpoint in self._on_the_way if due_ns <= elapsed_ns]
-            self._on_the_way = [entry for entry in self._on_the_way if entry[0] > elapsed_ns]
-        if active(self._is_lost):
-            return inbox
-        inbox.setpoints += [StampedSetpoint(setpoint, None) for setpoint in self._disturbed(arrived, faults)]
-        for injection in active(self._asks):
-            inbox.requests += [Request(action, self._note) for action in _ASKS[injection.fault.type]]
-        for injection in active(self._writes):
-            name = injection.fault.name or ""
-            inbox.writes.append(VariableWrite([(name, injection.size)], self._note_refusal))
-        return inbox
-
-    def _note(self, answer: Answer) -> None:
-        if not answer.accepted:
-            self._note_refusal(answer.message)
-
-    def _note_refusal(self, reason: str) -> None:
-        if reason:
-            self.refusals[reason] = None
-
-    def _disturbed(self, arrived: Sequence[Setpoint], faults: Sequence[Injection]) -> Iterator[Setpoint]:
-        by_type = {injection.fault.type: injection for injection in faults}
-        for place, setpoint in enumerate(arrived):
-            if "off" in by_type or ("intermittent" in by_type and by_type["intermittent"].happens()):
-                continue
-            self._last = setpoint
-            if "garbage" in by_type:
-                yield _NOT_NUMBERS[place % 2]
-            elif "wrong" in by_type:
-                ahead = by_type["wrong"].size
-                yield setpoint._replace(linear_velocity=setpoint.linear_velocity + ahead)
-            else:
-                yield setpoint
-        if "stuck" in by_type:
-            yield from [self._last] * round(by_type["stuck"].size)
-
-
 class _ScenarioBench:
     """Everything of one run, joined, and what was observed of it."""
 
@@ -290,16 +226,17 @@ class _ScenarioBench:
         self.arming_refusal: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
-        self.rig = rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = rig = LockstepRig.of(hardware_of(file))
         self.injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
         self._clock = clock = DisturbedClock(rig, injections)
         clock.on_kill = self._kill
-        self._bus = DisturbedBus(rig.bus.attach("node"), injections, rig.now_ns)
         hardware = hardware_of(file)
+        ends = rig.ends(hardware)
+        self._bus = DisturbedBus(ends.node, injections, rig.now_ns)
         serial = serial_of(hardware)
         self._wires = wires = None if serial is None else SimulatedSerial(serial.baudrate, rig.now_ns)
-        plant_end = DisturbedDevicesLink(rig.bus.attach("plant"), injections, _imu_frames(file))
-        simulated = simulated_robot(file, plant_end, None if wires is None else wires.device)
+        plant_end = DisturbedDevicesLink(ends.devices, injections, _imu_frames(file))
+        simulated = simulated_robot(file, plant_end, ends.port if wires is None else wires.device, ends.imu_port)
         for name, value in settings.parameters:
             if name.startswith(PLANT):
                 simulated.plant.write(name.removeprefix(PLANT), value)

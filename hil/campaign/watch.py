@@ -37,11 +37,7 @@ class Change(NamedTuple):
 
 
 class DriveWatch:
-    """Watches the simulated robot, tick by tick, from when it is armed on.
-
-    `last_push_ns` is when a drive gave anything last, ns after it was armed; `max_tilt` the largest tilt either way,
-    rad, None where the plant has none; `has_fallen` whether it has lain since it stood.
-    """
+    """Watches the simulated robot, tick by tick: what it sees is kept, and looked through when it is asked for."""
 
     def __init__(self, robot: SimulatedRobot, injections: Injections) -> None:
         """Observe `robot`.
@@ -49,44 +45,76 @@ class DriveWatch:
         Raises:
             PlantMismatchError: The plant does not report where the robot is.
         """
-        self.way: list[Place] = []
-        self.last_push_ns = -1
-        self.is_pushing = self.has_fallen = self._has_stood = False
         names = robot.output_names
         lacking = [name for name in ("truth.x", "truth.y") if name not in names]
         if lacking:
             raise PlantMismatchError(f"a campaign needs the plant's output {' and '.join(lacking)}: where the robot is")
-        self._truth = itemgetter(*(place for place, name in enumerate(names) if name.startswith("truth.")))
-        self._place = itemgetter(names.index("truth.x"), names.index("truth.y"))
-        self._pitch = names.index("truth.pitch") if "truth.pitch" in names else None
-        self.max_tilt = None if self._pitch is None else 0.0
+        places = [place for place, name in enumerate(names) if name.startswith("truth.")]
+        self._truth = itemgetter(*places)
+        self._given = len(robot.inputs)
+        kept = [names[place] for place in places]
+        self._x, self._y, self._pitch = (
+            self._given + kept.index(name) if name in kept else None for name in ("truth.x", "truth.y", "truth.pitch")
+        )
+        self._width = self._given + len(kept)
         self._robot = robot
         self._timeline = injections.timeline
         self._values = array("d")
+        """Of each tick since power-on, what the drives gave and all truth."""
+        self._armed: tuple[int, int] | None = None
+        """Of the first tick since the robot was armed, its number and how long after that it was, ns."""
 
     def look(self, outputs: Sequence[float]) -> None:
-        """Observe one tick, with the plant's outputs after it."""
-        given = self._robot.inputs
-        self._values.extend(given)
-        self._values.extend(self._truth(outputs))
-        elapsed_ns = self._timeline.elapsed_ns
-        if elapsed_ns < 0:
-            return
-        self.way.append(self._place(outputs))
-        self.is_pushing = True in [abs(value) > _NOTHING for value in given]  # any() takes longer
-        if self.is_pushing:
-            self.last_push_ns = elapsed_ns
-        if self._pitch is not None:
-            tilt = abs(outputs[self._pitch])
-            if self.max_tilt is None or tilt > self.max_tilt:  # max() takes longer
-                self.max_tilt = tilt
-            self._has_stood = self._has_stood or tilt < _STANDS_RAD
-            self.has_fallen = self.has_fallen or (self._has_stood and tilt > _LIES_RAD)
+        """Observe one tick, with the plant's outputs after it; to be called after each, which are all as long."""
+        self._values.extend((*self._robot.inputs, *self._truth(outputs)))
+        if self._armed is None and self._timeline.started_ns is not None:
+            self._armed = len(self._values) // self._width - 1, self._timeline.elapsed_ns
+
+    @property
+    def way(self) -> list[Place]:
+        """Where the robot is at each tick since it was armed, m."""
+        return list(zip(self._since_armed(self._x), self._since_armed(self._y), strict=True))
+
+    @property
+    def max_tilt(self) -> float | None:
+        """The largest tilt either way since the robot was armed, rad; None where the plant has none."""
+        return None if self._pitch is None else max([0.0, *map(abs, self._since_armed(self._pitch))])
+
+    @property
+    def has_fallen(self) -> bool:
+        """Whether the robot has lain since it stood."""
+        tilts = list(map(abs, self._since_armed(self._pitch)))
+        stood = next((place for place, tilt in enumerate(tilts) if tilt < _STANDS_RAD), len(tilts))
+        return any(tilt > _LIES_RAD for tilt in tilts[stood:])
+
+    @property
+    def is_pushing(self) -> bool:
+        """Whether a drive gives anything at the newest tick."""
+        return self.last_push_ns >= 0 and self._pushes(len(self._values) // self._width - 1)
+
+    @property
+    def last_push_ns(self) -> int:
+        """When a drive gave anything last, ns after the robot was armed; -1 where none did."""
+        if self._armed is None:
+            return -1
+        armed, elapsed_ns = self._armed
+        newest = len(self._values) // self._width - 1
+        last = next((tick for tick in range(newest, armed - 1, -1) if self._pushes(tick)), None)
+        return -1 if last is None else elapsed_ns + (last - armed) * self._robot.tick_ns
 
     @property
     def digest(self) -> str:
         """A digest over everything that the drives gave, and all truth, of every tick since power-on."""
         return hashlib.blake2b(self._values.tobytes(), digest_size=16).hexdigest()
+
+    def _since_armed(self, column: int | None) -> Sequence[float]:
+        if self._armed is None or column is None:
+            return ()
+        return self._values[self._armed[0] * self._width + column :: self._width]
+
+    def _pushes(self, tick: int) -> bool:
+        begin = tick * self._width
+        return any(abs(value) > _NOTHING for value in self._values[begin : begin + self._given])
 
 
 class NodeWatch(RecorderFront):
@@ -133,4 +161,4 @@ class NodeWatch(RecorderFront):
 
 def apart(a: Sequence[Place], b: Sequence[Place]) -> float:
     """The largest distance between places at the same times, as long as both last; m."""
-    return max((math.dist(p, q) for p, q in zip(a, b, strict=False)), default=0.0)
+    return max(map(math.dist, a, b), default=0.0)

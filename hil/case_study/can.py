@@ -6,6 +6,7 @@ import csv
 import math
 import os
 import signal
+import time
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import starmap
@@ -18,13 +19,15 @@ import msgspec
 from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.firmware_io.settings import SerialOnlySettings
 from segway_ecc.hil.case_study.seats import TRIES, Repeats, SeatRun, trajectory
 from segway_ecc.hil.case_study.study import LoopTiming, RealTimeRun, Seat, Trajectory
 from segway_ecc.hil.case_study.witness import Witness, witness
 from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
-from segway_ecc.hil.processes import ProcessFailedError, command
+from segway_ecc.hil.processes import Command, ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import kernel_ends
-from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, can_of, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot, read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, Recorder
 from segway_ecc.node.cycle.loop import Loop
@@ -45,6 +48,7 @@ _MARGIN_S: Final = 30.0
 """In which a robot is armed; and in which it starts and ends."""
 _TRUTH: Final = ("truth.x", "truth.y", "truth.heading", "truth.linear_velocity", "truth.angular_velocity")
 _POINT_NS: Final = 10_000_000
+_POLL_S: Final = 0.02
 
 
 class RealTimeCanSeat:
@@ -96,6 +100,14 @@ class RealTimeCanSeat:
             self.timings[name] = timing
         return SeatRun(found)
 
+    def _lines(self, name: str) -> tuple[list[str], list[str]]:
+        """The options that name the line of robot and of plant: a bus, or a serial line of this run's own."""
+        if isinstance(hardware_of(load_robot(self._robot)), SerialOnlySettings):
+            line = ["--serial", str(self._folder / f"can_{name}.serial")]
+            return line, line
+        robot, plant = (channel or f"case_study_{os.getpid()}_{name}" for channel in self._channels)
+        return ["--channel", robot], ["--channel", plant]
+
     def _is_spoiled(self, error: RigError, manoeuvre: Manoeuvre) -> bool:
         """Whether the robot gave up or never armed, as where drives or deadlines are late, and not so in lock step."""
         if not isinstance(error, ProcessFailedError) or error.ended_with != RobotLostError.exit_code:
@@ -115,17 +127,22 @@ class RealTimeCanSeat:
         """The cart's way, and what the controller printed."""
         file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
         file.write_bytes(msgspec.yaml.encode(manoeuvre))
-        robot_channel, plant_channel = (channel or f"case_study_{os.getpid()}_{name}" for channel in self._channels)
-        plant = ["plant", self._robot, "--channel", plant_channel, "--truth", str(truth)]
-        node = ["run", self._robot, "--channel", robot_channel, "--no-ros", "--sequence", str(file), "--json"]
+        robot_line, plant_line = self._lines(name)
+        plant = ["plant", self._robot, *plant_line, "--truth", str(truth)]
+        node = ["run", self._robot, *robot_line, "--no-ros", "--sequence", str(file), "--json"]
         node += ["--log", str(self._logs / f"can_{name}.mcap")]
         # A robot that the machine is too busy to arm ends by itself, and reports that.
         length_s = manoeuvre.duration_ns * 1e-9 + _MARGIN_S
         node += ["--duration", f"{length_s:g}"]
-        with (
-            command(plant, self._folder / f"can_{name}.plant.txt") as simulated,
-            command(node, self._folder / f"can_{name}.node.txt") as controller,
-        ):
+        guard = ["guard", self._robot, *robot_line]
+        hardware = hardware_of(load_robot(self._robot))
+        with contextlib.ExitStack() as processes:
+            simulated = processes.enter_context(command(plant, self._folder / f"can_{name}.plant.txt"))
+            if isinstance(hardware, SerialOnlySettings):
+                _wait_for(Path(robot_line[-1]), simulated)
+            if hardware.guard == "required":
+                processes.enter_context(command(guard, self._folder / f"can_{name}.guard.txt"))
+            controller = processes.enter_context(command(node, self._folder / f"can_{name}.node.txt"))
             seen.watch(simulated.process.pid, controller.process.pid)
             try:
                 played = controller.result(length_s + _MARGIN_S, simulated)
@@ -169,15 +186,17 @@ class LockstepCanSeat:
             SequenceError, RobotLostError: The robot refused it, or did not play it to its end.
         """
         file = load_robot(self._robot)
-        bitrate = hardware_of(file).can.bitrate
-        rig = LockstepRig(bitrate)
+        hardware = hardware_of(file)
+        rig = LockstepRig.of(hardware)
+        ports: Sequence[Port | None] = ()
         robot_link: Link
         plant_link: Link
         if self._channels is None:
-            robot_link, plant_link = rig.bus.attach("node"), rig.bus.attach("plant")
+            ends = rig.ends(hardware)
+            robot_link, plant_link, ports = ends.node, ends.devices, (ends.port, ends.imu_port)
         else:
-            robot_link, plant_link = kernel_ends(rig, self._channels, bitrate)
-        plant = simulated_robot(file, plant_link)
+            robot_link, plant_link = kernel_ends(rig, self._channels, can_of(hardware))
+        plant = simulated_robot(file, plant_link, *ports)
         truth = _truth_in(plant.output_names)
         points: list[Odometry] = []
         rig.attach(plant, lambda wall_ns, outputs: points.append(Odometry(wall_ns, *truth(outputs))))
@@ -195,6 +214,20 @@ class LockstepCanSeat:
         if stage.is_broken_off or not stage.player.has_reached_end:
             raise _not_played(stage, loop)
         return SeatRun(trajectory(Seat.CAN, resample(points, started_ns, manoeuvre.duration_ns)))
+
+
+def _wait_for(line: Path, plant: Command) -> None:
+    """Wait until a plant has made its serial line: the robot does not wait for it.
+
+    Raises:
+        ProcessFailedError: It ended, or makes none.
+    """
+    deadline = time.monotonic() + _MARGIN_S
+    while not line.exists():
+        if plant.process.poll() is not None or time.monotonic() > deadline:
+            plant.end()
+            raise ProcessFailedError(f"the plant made no serial line at {line}")
+        time.sleep(_POLL_S)
 
 
 def start_of(stage: ManoeuvreStage, loop: Loop) -> int:

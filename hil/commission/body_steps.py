@@ -5,7 +5,7 @@ import math
 from typing import Final
 
 from segway_ecc.firmware_io.imus.mounting import Mounting
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.commission import mounting
 from segway_ecc.hil.commission.expected import Expected
 from segway_ecc.hil.commission.person import Task
@@ -103,7 +103,7 @@ def wheel_radius(session: Session, expected: Expected) -> Found:
     if not abs(radius - expected.wheel_radius) <= _RADIUS_TOLERANCE * expected.wheel_radius:
         raise StepRefusedError(
             f"the wheel radius is {radius:.4f} m, the robot file has {expected.wheel_radius:g} m: set WheelRadius, and "
-            "wheel_radius wherever safety has it"
+            "wheel_radius in section geometry"
         )
     return Found(f"{radius:.4f} m, the robot file has {expected.wheel_radius:g} m", measured)
 
@@ -120,8 +120,8 @@ def track(session: Session, expected: Expected) -> Found:
     measured["track_m"] = found
     if not abs(found - expected.track) <= _TRACK_TOLERANCE * expected.track:
         raise StepRefusedError(
-            f"the track is {found:.3f} m, the robot file has {expected.track:g} m: set Track, and track wherever "
-            "safety has it"
+            f"the track is {found:.3f} m, the robot file has {expected.track:g} m: set Track, and track in "
+            "section geometry"
         )
     return Found(f"{found:.3f} m, the robot file has {expected.track:g} m", measured)
 
@@ -176,7 +176,7 @@ def _pitch(felt: tuple[float, float, float]) -> float:
     return math.atan2(-felt[0], felt[2])
 
 
-def _declared(hardware: BusSettings | NoHardwareSection) -> Mounting | None:
+def _declared(hardware: HardwareSettings | NoHardwareSection) -> Mounting | None:
     """The mounting in the robot file; None where its IMU has none there."""
     if isinstance(hardware, NoHardwareSection) or hardware.external_imu is None:
         return None

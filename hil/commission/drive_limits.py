@@ -1,40 +1,33 @@
 # SPDX-License-Identifier: MIT
 """What the drives are set to by themselves: what their drivers read back of it, and what a person is to look up.
 
-Read back is what a driver reports in the hardware's health. What no driver reads yet is looked up in the vendor's tool:
-the names are those of odrivetool (docs.odriverobotics.com, 0.5.6 and 0.6), of VESC Tool 6 and of CiA 402-2. A driver
-that reads more gets a line in `_readings` and loses one in the look-ups of its family.
+What a driver reads back it compares with the robot file by itself, and refuses to arm. What no line allows to read is
+looked up in the vendor's tool. Sources of the names: `Firmware/odrive-interface.yaml` and CHANGELOG.md of
+github.com/odriverobotics/ODrive for odrivetool with 0.5, a list of endpoints of 0.6 for 0.6, the parameter names of
+VESC Tool (`l_current_max`, `l_current_min`, `l_max_erpm`), of moteus' console and of CiA 402-2.
 """
 
 import math
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.family import family_of
+from segway_ecc.firmware_io.drives.moteus.settings import MoteusSettings
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.setting_names import PATHS, OwnSetting
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.settings import BusSettings
-
-_SIDES: Final = ("left", "right")
-_FIGURES: Final = {
-    "watchdog_s": re.compile(r"^board\.watchdog_s=([\d.]+)$"),
-    "left_rated_torque_n_m": re.compile(r"^drives\.left\.rated_torque_nm=([\d.e+-]+)$"),
-    "right_rated_torque_n_m": re.compile(r"^drives\.right\.rated_torque_nm=([\d.e+-]+)$"),
-    "left_least_current_a": re.compile(r"^left\.firmware=.*; motor (-?[\d.e+-]+) to "),
-    "left_most_current_a": re.compile(r"^left\.firmware=.*; motor \S+ to (\S+) A"),
-    "right_least_current_a": re.compile(r"^right\.firmware=.*; motor (-?[\d.e+-]+) to "),
-    "right_most_current_a": re.compile(r"^right\.firmware=.*; motor \S+ to (\S+) A"),
-}
-"""By name with the unit: where the health of the hardware, as `key=text`, has it."""
+from segway_ecc.firmware_io.settings import HardwareSettings
 
 
 class DriveLimits(NamedTuple):
     """What is known of the drives' own limits.
 
     Attributes:
-        measured: What was read back, SI, by name with the unit.
+        measured: What was read back, by name with the unit.
         lookups: What was not: a line for each, with what to type in the vendor's tool and what it is to show.
     """
 
@@ -42,63 +35,66 @@ class DriveLimits(NamedTuple):
     lookups: tuple[str, ...]
 
 
-def drive_limits(settings: BusSettings, health: Mapping[str, str], fastest_rad_s: float) -> DriveLimits:
+def drive_limits(settings: HardwareSettings, readings: Sequence[DriveReading], fastest_rad_s: float) -> DriveLimits:
     """What was read back of the drives' own limits, and what is to be looked up.
 
     Args:
         settings: Of the hardware, from the robot file.
-        health: What it reports; see `Hardware.health`.
+        readings: What its drives have read back.
         fastest_rad_s: At which the robot file has a wheel end in a fault, rad/s.
     """
-    measured = _readings(health)
-    return DriveLimits(measured, tuple(_LOOKUPS[type(settings)](settings, measured, fastest_rad_s)))
+    measured = {reading.name: reading.value for reading in readings}
+    lookups = _LOOKUPS.get(type(settings), _of_any)(settings, measured, fastest_rad_s)
+    return DriveLimits(measured, tuple(lookups))
 
 
-def _readings(health: Mapping[str, str]) -> dict[str, float]:
-    found = {}
-    for key, text in health.items():
-        for name, pattern in _FIGURES.items():
-            match = pattern.match(f"{key}={text}")
-            if match is not None:
-                found[name] = float(match[1])
-    return found
+def _of_any(settings: HardwareSettings, _measured: Mapping[str, float], _fastest: float) -> list[str]:
+    """What another family says of itself that a person has to look at."""
+    family = family_of(settings)
+    to_check = None if family.to_check is None else family.to_check(settings)
+    return [] if to_check is None else [to_check.remedy]
 
 
-def _of_board(_settings: BusSettings, measured: Mapping[str, float], _fastest: float) -> list[str]:
+def _of_board(_settings: HardwareSettings, measured: Mapping[str, float], _fastest: float) -> list[str]:
     """A wheel board has no settings but its watchdog, which it reports."""
     return [] if "watchdog_s" in measured else ["see the watchdog of the wheel board, which does not report it"]
 
 
-def _of_odrive(settings: BusSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_odrive(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, OdriveSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side in _SIDES:
-        wheel = settings.wheel(side)
-        torque, turns_s = abs(wheel.motor_torque(wheel.max_torque)), _turns(wheel.motor(fastest_rad_s))
-        axis = f"odrv0.axis{wheel.axis}"
-        amperes = (
-            f"{torque:.4g} N m / torque_constant"
-            if wheel.torque_constant is None
-            else f"{torque / wheel.torque_constant:.4g} A"
-        )
-        if settings.firmware != "0.6":
-            lines += [
-                f"{side}, firmware 0.5: {axis}.motor.config.current_lim (at least {amperes})",
-                f"{side}, firmware 0.5: {axis}.motor.config.torque_lim (at least {torque:.4g} N m)",
-            ]
-        if settings.firmware != "0.5":
-            lines += [
-                f"{side}, firmware 0.6: {axis}.config.motor.current_soft_max (at least {amperes})",
-                f"{side}, firmware 0.6: {axis}.config.torque_soft_max (at least {torque:.4g} N m)",
-            ]
-        lines.append(f"{side}: {axis}.controller.config.vel_limit (at least {turns_s:.4g} turns/s)")
+    firmwares = list(Firmware) if settings.firmware == "auto" else [Firmware(settings.firmware)]
+    for side, wheel in settings.axes.items():
+        read = {setting for setting in OwnSetting if any(name.startswith(f"{side}_{setting}") for name in measured)}
+        lines += [
+            f"{side}, firmware {firmware}: odrv0.{path.format(wheel.axis if firmware is Firmware.V0_5 else 0)} ({want})"
+            for setting, want in _odrive_wants(wheel, fastest_rad_s)
+            for firmware in firmwares
+            if setting not in read and (path := PATHS[firmware].get(setting)) is not None
+        ]
     return lines
 
 
-def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _odrive_wants(wheel: OdriveWheelSettings, fastest_rad_s: float) -> list[tuple[OwnSetting, str]]:
+    """What each setting is to show."""
+    torque, turns_s = abs(wheel.motor_torque(wheel.max_torque)), _turns(wheel.motor(fastest_rad_s))
+    amperes = (
+        f"{torque:.4g} N m / torque_constant"
+        if wheel.torque_constant is None
+        else f"{torque / wheel.torque_constant:.4g} A"
+    )
+    return [
+        (OwnSetting.CURRENT_LIMIT, f"at least {amperes}"),
+        (OwnSetting.TORQUE_LIMIT, f"at least {torque:.4g} N m"),
+        (OwnSetting.VELOCITY_LIMIT, f"at least {turns_s:.4g} turns/s"),
+        (OwnSetting.NEGATIVE_CURRENT, "what the battery takes while the robot brakes, A, negative"),
+    ]
+
+
+def _of_vesc(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, VescSettings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         who = f"{side} (id {wheel.controller_id})"
         if f"{side}_most_current_a" not in measured:
             lines.append(
@@ -110,17 +106,30 @@ def _of_vesc(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s
     return lines
 
 
-def _of_cia402(settings: BusSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+def _of_cia402(settings: HardwareSettings, measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
     assert isinstance(settings, Cia402Settings)  # noqa: S101 - chosen by its type
     lines = []
-    for side, wheel in (("left", settings.left), ("right", settings.right)):
+    for side, wheel in settings.axes.items():
         rated = measured.get(f"{side}_rated_torque_n_m", math.nan)
         share = 1e3 * abs(wheel.motor_torque(wheel.max_torque)) / rated if rated else math.nan
-        rpm = 60.0 * _turns(wheel.motor(fastest_rad_s))
+        rpm, who = 60.0 * _turns(wheel.motor(fastest_rad_s)), f"{side} (node {wheel.node_id})"
+        if f"{side}_max_torque_n_m" not in measured:
+            lines.append(f"{who}: object 0x6072:00, max torque (at least {share:.0f} per mille of 0x6076)")
+        lines.append(f"{who}: object 0x6073:00, max current, per mille of 0x6075 (what the motor bears)")
+        if not measured.get(f"{side}_max_speed_rpm", 0.0) >= rpm:
+            lines.append(f"{who}: object 0x6080:00, max motor speed (at least {rpm:.0f} rpm)")
+    return lines
+
+
+def _of_moteus(settings: HardwareSettings, _measured: Mapping[str, float], fastest_rad_s: float) -> list[str]:
+    assert isinstance(settings, MoteusSettings)  # noqa: S101 - chosen by its type
+    lines = []
+    for name, axis in settings.axes.items():
+        torque, turns_s = abs(axis.motor_torque(axis.max_torque)), _turns(axis.motor(fastest_rad_s))
+        who = f"{name} (id {axis.servo_id})"
         lines += [
-            f"{side} (node {wheel.node_id}): object 0x6072:00, max torque (at least {share:.0f} per mille of 0x6076)",
-            f"{side} (node {wheel.node_id}): object 0x6073:00, max current, per mille of 0x6075 (what the motor bears)",
-            f"{side} (node {wheel.node_id}): object 0x6080:00, max motor speed (at least {rpm:.0f} rpm)",
+            f"{who}: conf get servo.max_current_A (at least {torque:.4g} N m / torque constant, 8.27 / motor.Kv)",
+            f"{who}: conf get servo.max_velocity (at least {turns_s:.4g} turns/s)",
         ]
     return lines
 
@@ -130,10 +139,11 @@ def _turns(rad_s: float) -> float:
     return abs(rad_s) / (2.0 * math.pi)
 
 
-_LOOKUPS: Final[dict[type, Callable[[BusSettings, Mapping[str, float], float], list[str]]]] = {
+_LOOKUPS: Final[dict[type, Callable[[HardwareSettings, Mapping[str, float], float], list[str]]]] = {
     WheelBoardSettings: _of_board,
     OdriveSettings: _of_odrive,
     VescSettings: _of_vesc,
     Cia402Settings: _of_cia402,
+    MoteusSettings: _of_moteus,
 }
 """By family: the lines of what is not read back."""

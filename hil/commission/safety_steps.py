@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE
+from segway_ecc.firmware_io.drives.readings import readings_of
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.hil.commission.drive_limits import drive_limits
 from segway_ecc.hil.commission.expected import Expected
@@ -64,7 +65,8 @@ def limits(session: Session, _expected: Expected) -> Found:
             f"the supply is {volts:.1f} V, allowed is {safety.supply.min_v:g} to {safety.supply.max_v:g} V: charge it, "
             "or correct safety.supply"
         )
-    own = drive_limits(hardware_of(session.file), session.hardware.health, safety.wheel_velocity_limit or math.nan)
+    fastest = safety.wheel_velocity_limit or math.nan
+    own = drive_limits(hardware_of(session.file), readings_of(session.hardware), fastest)
     measured |= own.measured
     read_back = ", ".join(f"{name} {value:g}" for name, value in own.measured.items()) or "nothing"
     text = f"supply {volts:.1f} V, safety limits stated; read back from the drives: {read_back}"

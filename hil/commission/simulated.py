@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 
 from segway_ecc.firmware_io.clock import NS_PER_S
+from segway_ecc.hil.commission.kill import kill_node
 from segway_ecc.hil.commission.miswiring import MiswiredPlant, Miswiring
 from segway_ecc.hil.commission.person import Answer, Task
 from segway_ecc.hil.commission.session import Session
@@ -102,9 +103,15 @@ class SimulatedSite:
     is_simulated = True
 
     def __init__(
-        self, file: RobotFile, error: Miswiring | None = None, show: Callable[[str], None] | None = None
+        self,
+        file: RobotFile,
+        error: Miswiring | None = None,
+        show: Callable[[str], None] | None = None,
+        killed: str | None = None,
     ) -> None:
         """Commission the simulated robot of a file, wired rightly or with an error; `show` is called with each outcome.
+
+        With `killed`, the robot's name or the path of its file, its node is run too, in real time, and killed.
 
         Raises:
             NoSimulationError: It has no plant, or its drives are none that this simulates.
@@ -116,7 +123,7 @@ class SimulatedSite:
         self._drives = simulated_drives(hardware_of(file))
         self.person = ScriptedPerson(show)
         self.person.press_stop = self._drives.press_stop
-        self._error = error
+        self._error, self._killed = error, killed
         commands = {variable.name for variable in simulated_plant(file).inputs}
         held = [plant for name, plant in _HELD.items() if name in commands]
         if not held:
@@ -141,7 +148,9 @@ class SimulatedSite:
 
     def kill(self) -> Found:
         """See `Workplace.kill`: in lock step there is no process of its own."""
-        return Found("simulated in lock step: there is no process to kill", {}, "left out")
+        if self._killed is not None:
+            return kill_node(self._killed, self.file)
+        return Found("simulated in lock step: there is no process to kill; --kill runs one", {}, "left out")
 
     @contextlib.contextmanager
     def _simulated(self, plant: str, *, lies: bool = False) -> Iterator[tuple[LockstepRig, Robot, SimulatedRobot]]:
@@ -153,15 +162,16 @@ class SimulatedSite:
             parameters["InitialPitch"] = parameters.get("StopAngle", simulated_plant(self.file).read("StopAngle"))
         section = msgspec.structs.replace(self._section, plant=plant, parameters=parameters)
         file = msgspec.structs.replace(self.file, simulation=section, arming="on_request")
-        rig = LockstepRig(hardware_of(file).can.bitrate)
-        end = rig.bus.attach("plant")
-        simulated = simulated_robot(file, end)
+        rig = LockstepRig.of(hardware_of(file))
+        ends = rig.ends(hardware_of(file))
+        end = ends.devices
+        simulated = simulated_robot(file, end, ends.port, ends.imu_port)
         if self._error is not None:
             simulated.plant = MiswiredPlant(simulated.plant, self._error)
             simulated.outputs = simulated.plant.initialize(simulated.inputs)
             self._take_away(simulated, self._error.lacks)
         rig.attach(simulated)
-        robot = build_robot(file, rig, rig.bus.attach("node"))
+        robot = build_robot(file, rig, ends.node)
         end.open()
         with contextlib.closing(end):
             yield rig, robot, simulated

@@ -13,8 +13,8 @@ from typing import Any, Final
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.drives.family import DriveFamily
 from segway_ecc.firmware_io.drives.stopper import Meaning
-from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.links.link import FD_LENGTHS, Frame
+from segway_ecc.firmware_io.settings import BusSettings, HardwareSettings
 from segway_ecc.hil.conformance.rig import PERIOD_S, DriveRig, NonconformanceError
 from segway_ecc.hil.devices.family import SimulatedDrives
 from segway_ecc.hil.rig.fronts import LinkFault
@@ -34,6 +34,8 @@ _MOVES_ON: Final = 0.1
 _GARBAGE: Final = 500
 _REMOTE: Final = 0.1
 """Of them so many ask for a frame."""
+_FD: Final = 0.7
+"""On a bus of CAN FD so many of the others are of it."""
 _NOTHING: Final = 1e-3
 """Of the largest command: a motor that gives less gives nothing."""
 
@@ -44,7 +46,9 @@ def _require(fulfilled: bool, problem: str) -> None:  # noqa: FBT001 - as assert
 
 
 class _Trial:
-    def __init__(self, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: BusSettings) -> None:
+    def __init__(
+        self, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: HardwareSettings
+    ) -> None:
         self.family, self.settings = family, settings
         self.rig = DriveRig(family, simulated, settings)
         self.limits = dict(zip(self.rig.hardware.commands, self.rig.hardware.limits, strict=True))
@@ -107,7 +111,8 @@ def _scale(trial: _Trial) -> None:
             if signal in trial.rig.measured:
                 true, (read, _) = trial.rig.rotors[signal], trial.rig.measured[signal]
                 # It is older than the rotor by the cycle and what the bus takes.
-                allowed = _EXACT * max(abs(true), 1.0) + (2 * PERIOD_S * 10.0 if quantity == "angle" else 0.0)
+                beside = 2 * PERIOD_S * 10.0 if quantity == "angle" else trial.family.velocity_error
+                allowed = _EXACT * max(abs(true), 1.0) + beside
                 _require(abs(read - true) <= allowed, f"{signal} reads {read:g} where the rotor has {true:g}")
 
     _each_motor(trial, look)
@@ -124,7 +129,8 @@ def _stop(trial: _Trial) -> None:
         silent = [drive for drive in stopper.drives if (drive, Meaning.ON) not in read]
         _require(not silent, f"the stopper reads no report that {', '.join(silent)} is on")
     _require(bool(trial.moving()), "no motor gives anything before the stop, so that it would show nothing")
-    guard = rig.rig.bus.attach("guard")
+    guard = rig.guard()
+    guard.open()
     for frame in stopper.stop():
         guard.send(frame)
     rig.wait(_STOP_WITHIN_S)
@@ -165,14 +171,17 @@ def _silence(trial: _Trial) -> None:
 def _garbage(trial: _Trial) -> None:
     rig, chance = trial.rig, random.Random(1)  # noqa: S311 - repeatable, and no secret
     rig.arm()
-    stranger = rig.rig.bus.attach("stranger")
-    # Of what comes at a steady rate, so that a good frame soon follows: an answer to what is asked once may be forged
-    # where a protocol has no codes of its own.
-    keys = sorted({FrameKey(*key) for drive in rig.drives for key in drive.periods_s})
+    is_fd_bus = isinstance(trial.settings, BusSettings) and trial.settings.can.fd
+    # Answers to what is asked once are among them: one frame that happens to read as such must not last.
+    keys = sorted({FrameKey(*key) for drive in rig.drives for key in drive.listens_to})
     for _ in range(_GARBAGE):
         identifier, is_extended = chance.choice(keys)
         data = chance.randbytes(chance.randrange(9))
-        stranger.send(Frame(identifier, data, is_extended=is_extended, is_remote=chance.random() < _REMOTE))
+        frame = Frame(identifier, data, is_extended=is_extended, is_remote=chance.random() < _REMOTE)
+        if is_fd_bus and not frame.is_remote and chance.random() < _FD:
+            data = chance.randbytes(chance.choice(FD_LENGTHS))
+            frame = Frame(identifier, data, is_extended=is_extended, is_fd=True)
+        rig.disturb(frame)
         rig.cycle()
         _require(
             all(map(math.isfinite, rig.sensors.values)), f"a frame {identifier:X}#{data.hex()} makes a value infinite"
@@ -187,8 +196,9 @@ def _reconnection(trial: _Trial) -> None:
     rig.arm()
     rig.run(0.2, trial.half())
     rig.link.fault = LinkFault.CUT
-    rig.run(_CUT_S, trial.half())
-    _require(not trial.moving(), f"{_CUT_S:g} s after the cable was cut the motors give {rig.motors}")
+    cut_s = max(_CUT_S, trial.family.watchdog(trial.settings).timeout_s + _WATCHDOG_SLACK_S)
+    rig.run(cut_s, trial.half())
+    _require(not trial.moving(), f"{cut_s:g} s after the cable was cut the motors give {rig.motors}")
     rig.link.fault = None
     rig.hardware.disarm()
     rig.run(0.1)
@@ -235,7 +245,7 @@ CONFORMANCE_ASPECTS: Final = tuple(_ASPECTS)
 
 
 def check_conformance(
-    aspect: str, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: BusSettings
+    aspect: str, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: HardwareSettings
 ) -> None:
     """Try one aspect of a drive family with its simulated drives; takes no real time but that of its arithmetic.
 

@@ -8,10 +8,10 @@ from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.drives.family import DriveFamily
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.devices.family import SimulatedDrives
-from segway_ecc.hil.rig.fronts import FaultyLink
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.model.model import Variable
@@ -68,6 +68,31 @@ def rotors(limits: Mapping[str, float]) -> Rotors:
     return made()
 
 
+class TappedLink(LinkFront):
+    """Keeps what passes on a link either way; see `Link`."""
+
+    def __init__(self, behind: Link) -> None:
+        """Tap `behind`."""
+        super().__init__(behind)
+        self._seen: list[Frame] = []
+
+    def send(self, frame: Frame) -> bool:
+        """Send, and keep."""
+        self._seen.append(frame)
+        return self.behind.send(frame)
+
+    def receive(self) -> list[Frame]:
+        """Receive, and keep."""
+        frames = self.behind.receive()
+        self._seen += frames
+        return frames
+
+    def take_seen(self) -> list[Frame]:
+        """What has passed since the last time."""
+        seen, self._seen = self._seen, []
+        return seen
+
+
 class DriveRig:
     """Drives under test; see `DriveFamily` and `SimulatedDrives`.
 
@@ -79,14 +104,19 @@ class DriveRig:
         seen: All frames on the bus, with the time of each.
     """
 
-    def __init__(self, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: BusSettings) -> None:
+    def __init__(
+        self, family: DriveFamily[Any], simulated: SimulatedDrives[Any, Any], settings: HardwareSettings
+    ) -> None:
         """Join them, and open the bus."""
-        self.rig = LockstepRig(settings.can.bitrate)
-        self.link = FaultyLink(self.rig.bus.attach("node"))
+        self.rig = LockstepRig.of(settings)
+        self._settings = settings
+        self._ends = ends = self.rig.ends(settings)
+        self._on_line = TappedLink(ends.node)
+        self.link = FaultyLink(self._on_line)
         self.drives = family.drives(settings, self.link, PERIOD_S, self.rig)
         self.hardware = Assembly(self.link, self.drives, (), self.rig.now_ns)
-        end = self.rig.bus.attach("drives")
-        device = simulated.device(settings, end, None)
+        end = ends.devices
+        device = simulated.device(settings, end, ends.port)
         limits = dict(zip(self.hardware.commands, self.hardware.limits, strict=True))
         missing = [name for name in device.inputs if name not in limits]
         if missing:
@@ -95,6 +125,7 @@ class DriveRig:
         self.robot = SimulatedRobot(end, [device], plant, simulated.tick_ns)
         self.rig.attach(self.robot)
         self._listener = self.rig.bus.attach("listener")
+        self._stranger = self.rig.bus.attach("stranger")
         self.seen: list[Frame] = []
         end.open()
         self.hardware.open()
@@ -124,7 +155,18 @@ class DriveRig:
     def wait(self, seconds: float) -> None:
         """Let time pass in which the drivers do nothing."""
         self.rig.sleep_until_ns(self.rig.now_ns() + round(seconds * NS_PER_S))
-        self.seen += self._listener.receive()
+        self.seen += self._listener.receive() if self._ends.wires is None else self._on_line.take_seen()
+
+    def guard(self) -> Link:
+        """The guard's end of the line: on a serial one it writes where the node does."""
+        return self.rig.guard_end(self._settings, self._ends)
+
+    def disturb(self, frame: Frame) -> None:
+        """Let a stranger send a frame; on a serial line its bytes are noise, without any frame around them."""
+        if self._ends.wires is None:
+            self._stranger.send(frame)
+        else:
+            self._ends.wires.host.inject(frame.data)
 
     def cycle(self, commands: Sequence[float] | None = None) -> Sensors:
         """One cycle with commands, zero by default."""

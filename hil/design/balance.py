@@ -179,9 +179,10 @@ class Balance:
             seed: Of the sensors' errors.
             plant: Other parameters and states of the plant.
         """
-        rig = LockstepRig(hardware_of(file).can.bitrate)
-        self._end = rig.bus.attach("plant")
-        simulated = simulated_robot(file, self._end)
+        rig = LockstepRig.of(hardware_of(file))
+        ends = rig.ends(hardware_of(file))
+        self._end = ends.devices
+        simulated = simulated_robot(file, self._end, ends.port, ends.imu_port)
         self.plant = simulated.plant
         values = {"InitialPitch": pitch, "Seed": seed, **(plant or {})}
         states = values.keys() & {variable.name for variable in self.plant.states}
@@ -197,7 +198,7 @@ class Balance:
             self.truth.append(Truth(rig.now_ns() * 1e-9, *(outputs[place] for place in places)))
 
         rig.attach(simulated, observe)
-        self.link = DelayedLink(rig.bus.attach("node"), rig.now_ns)
+        self.link = DelayedLink(ends.node, rig.now_ns)
         robot = build_robot(file, rig, self.link)
         self.model = BiasedModel(robot.model)
         self.robot = dataclasses.replace(robot, model=cast("Model", self.model))

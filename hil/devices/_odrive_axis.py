@@ -89,6 +89,7 @@ class SimulatedAxis:
         is_calibrated: Whether closed loop is possible at all.
         has_absolute_encoder: Whether it counts from the encoder's zero after power-on, not from where it stands.
         current_limit_a: Largest motor current, A.
+        torque_limit_nm: Largest torque of the motor, N m, whatever its current.
         current_limit_margin_a: How far above that a current disarms the motor, A.
         velocity_limit_rev_s: Speed beyond which torque mode gives less torque.
         velocity_limit_tolerance: How many times that speed is too fast, where `enable_overspeed_error`.
@@ -114,6 +115,7 @@ class SimulatedAxis:
         self.torque_constant = settings.torque_constant or _TORQUE_CONSTANT
         largest = abs(settings.motor_torque(settings.max_torque))
         self.current_limit_a = _MORE_THAN_ASKED * largest / self.torque_constant
+        self.torque_limit_nm = math.inf
         self.current_limit_margin_a = math.inf
         self.velocity_limit_rev_s = math.inf
         self.velocity_limit_tolerance = 1.2
@@ -194,7 +196,7 @@ class SimulatedAxis:
         """Torque of the motor now: nothing unless in closed loop, and without an error."""
         if self.state is not AxisState.CLOSED_LOOP_CONTROL or self.error:
             return 0.0
-        limit, wanted = self.current_limit_a * self.torque_constant, self._wanted()
+        limit, wanted = min(self.current_limit_a * self.torque_constant, self.torque_limit_nm), self._wanted()
         if -limit <= wanted <= limit:  # as in most ticks
             return wanted
         return min(max(wanted, -limit), limit)
@@ -280,6 +282,22 @@ class SimulatedAxis:
         if now_ns - self._requested_ns >= _ENTER_NS:
             requested, self._requested = self._requested, None
             self._enter(requested, now_ns)
+
+    def next_ns(self, now_ns: int) -> float:
+        """When, after a pass now, the next one does anything: its torque stays, if no frame comes, until then."""
+        is_closed = self.state is AxisState.CLOSED_LOOP_CONTROL
+        follows_motion = is_closed and not (
+            self.control_mode == TORQUE_CONTROL and self.velocity_limit_rev_s == self.current_limit_margin_a == math.inf
+        )
+        if self._fed_ns is None or follows_motion or (self.error and self.state is not AxisState.IDLE):
+            return -math.inf
+        next_ns = math.inf
+        watchdog = WATCHDOG[self.firmware]
+        if self.watchdog_s is not None and not self.error & watchdog:
+            next_ns = self._fed_ns + self.watchdog_s * 1e9
+        if self._requested is not None:
+            next_ns = min(next_ns, (now_ns if self._requested_ns is None else self._requested_ns) + _ENTER_NS)
+        return next_ns
 
     def _check_limits(self) -> None:
         """Speed (`Controller::update`) and current (`Motor::current_meas_cb`, of before the limit changed)."""

@@ -80,11 +80,16 @@ class SimulatedBoard:
         for axis in self.axes:
             axis.clear_errors()
 
+    @property
+    def limits_current(self) -> bool:
+        """Whether the current of its supply has a limit."""
+        return not (math.isinf(self.dc_max_negative_current_a) and math.isinf(self.dc_max_positive_current_a))
+
     def check_supply(self) -> None:
         """Switch all motors off where the current leaves its limits: `update_brake_current`, fw-v0.5.6."""
-        least_a, most_a = self.dc_max_negative_current_a, self.dc_max_positive_current_a
-        if math.isinf(least_a) and math.isinf(most_a):
+        if not self.limits_current:
             return
+        least_a, most_a = self.dc_max_negative_current_a, self.dc_max_positive_current_a
         current_a = self.supply_current_a
         if current_a > most_a:
             self._fail(OVER_CURRENT)
@@ -146,6 +151,7 @@ _OF_AXIS: Final[Mapping[Firmware, Mapping[str, Property]]] = {
         "motor.is_calibrated": Property("is_calibrated", Kind.BOOL),
         "motor.config.current_lim": Property("current_limit_a", Kind.FLOAT, is_writable=True),
         "motor.config.current_lim_margin": Property("current_limit_margin_a", Kind.FLOAT, is_writable=True),
+        "motor.config.torque_lim": Property("torque_limit_nm", Kind.FLOAT, is_writable=True),
         "motor.config.torque_constant": Property("torque_constant", Kind.FLOAT, is_writable=True),
         "motor.current_control.Iq_measured": Property("current_a", Kind.FLOAT),
         "encoder.pos_estimate": Property("position_rev", Kind.FLOAT),
@@ -157,6 +163,7 @@ _OF_AXIS: Final[Mapping[Firmware, Mapping[str, Property]]] = {
         "disarm_reason": Property("disarm_reason", Kind.UINT32),
         "pos_estimate": Property("position_rev", Kind.FLOAT),
         "vel_estimate": Property("velocity_rev_s", Kind.FLOAT),
+        "config.torque_soft_max": Property("torque_limit_nm", Kind.FLOAT, is_writable=True),
         "config.motor.torque_constant": Property("torque_constant", Kind.FLOAT, is_writable=True),
         "config.motor.current_soft_max": Property("current_limit_a", Kind.FLOAT, is_writable=True),
     },
@@ -188,6 +195,7 @@ ENDPOINTS: Final[Mapping[int, str]] = {
     183: "axis0.vel_estimate",
     200: "axis0.config.watchdog_timeout",
     201: "axis0.config.enable_watchdog",
+    252: "axis0.config.torque_soft_max",
     259: "axis0.config.motor.torque_constant",
     271: "axis0.config.motor.current_soft_max",
     378: "axis0.controller.config.enable_torque_mode_vel_limit",

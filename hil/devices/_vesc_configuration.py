@@ -43,6 +43,7 @@ class Firmware:
         max_duty: Limit of the duty cycle.
         answers_configuration: Whether it answers GET_MCCONF.
         knows_flags: Whether the release is new enough to send its flags.
+        version: What it answers to FW_VERSION.
     """
 
     timeout_s: float = 1.0
@@ -55,6 +56,7 @@ class Firmware:
     max_duty: float = 0.95
     answers_configuration: bool = True
     knows_flags: bool = True
+    version: tuple[int, int] = VERSION
 
     @property
     def braking_current(self) -> float:
@@ -62,10 +64,10 @@ class Firmware:
         return self.max_current if self.min_current is None else -self.min_current
 
 
-def version_reply(controller_id: int) -> bytes:
+def version_reply(controller_id: int, version: tuple[int, int] = VERSION) -> bytes:
     """The answer to FW_VERSION; the serial number of the processor ends with the controller's number."""
     serial = controller_id.to_bytes(12, "big")
-    return bytes((Comm.FW_VERSION, *VERSION)) + _HARDWARE + serial + bytes(_AFTER_UUID) + _NAME
+    return bytes((Comm.FW_VERSION, *version)) + _HARDWARE + serial + bytes(_AFTER_UUID) + _NAME
 
 
 def configuration_reply(firmware: Firmware) -> bytes:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Two CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque modes.
+"""CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque modes.
 
 Sources: CiA 301 for 0x1001, 0x1018, EMCY and abort codes; CiA 402 (IEC 61800-7-201) for modes, 0x6087 and 0x60C2.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -232,35 +232,56 @@ class SimulatedDrive:
 
 
 class SimulatedCia402:
-    """Both drives; see `Device`."""
+    """All drives; see `Device`.
 
-    inputs: Sequence[str] = ("left.torque", "right.torque")
-    needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+    Attributes:
+        axes: By the name of their axis.
+    """
 
     def __init__(
         self, link: Link, settings: Cia402Settings, port: Port | None = None, kind: DriveKind = DriveKind()
     ) -> None:
-        """Switch both drives on, of one kind; they have no serial line."""
+        """Switch the drives on, of one kind; they have no serial line."""
         del port
-        self.left = SimulatedDrive(link, settings.left, kind)
-        self.right = SimulatedDrive(link, settings.right, kind)
+        self.inputs: Sequence[str] = [f"{name}.torque" for name in settings.axes]
+        self.needs: Sequence[str] = [f"{name}.{value}" for name in settings.axes for value in ("angle", "velocity")]
+        self.axes = {name: SimulatedDrive(link, wheel, kind) for name, wheel in settings.axes.items()}
+        self._ends = [(drive, f"{name}.angle", f"{name}.velocity") for name, drive in self.axes.items()]
 
     @property
     def refused_frames(self) -> int:
         """Frames refused since power-on."""
-        return self.left.slave.refused_frames + self.right.slave.refused_frames
+        return sum(drive.slave.refused_frames for drive in self.axes.values())
 
     def obey(self, frames: Sequence[Frame], now_ns: int, _outputs: Mapping[str, float]) -> Sequence[float]:
         """Take commands and watch the host's heartbeat; see `Device.obey`."""
-        return self.left.obey(frames, now_ns), self.right.obey(frames, now_ns)
+        return [drive.obey(frames, now_ns) for drive in self.axes.values()]
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due; see `Device.send_telemetry`."""
         supply = supply_voltage(outputs)
-        self.left.send_telemetry(now_ns, outputs["left.angle"], outputs["left.velocity"], supply)
-        self.right.send_telemetry(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
+        for drive, angle, velocity in self._ends:
+            drive.send_telemetry(now_ns, outputs[angle], outputs[velocity], supply)
+
+
+KINDS: Final[Mapping[str, DriveKind]] = {
+    "cyclic": DriveKind(),
+    "all-modes": DriveKind(modes=(1, 3, 4, 8, 9, 10)),
+    "sync-period": DriveKind(needs_sync_period=True),
+    "no-identity": DriveKind(lacks=(0x1018,)),
+    "no-supply": DriveKind(lacks=(_DC_LINK,)),
+    "profile-torque": DriveKind(modes=(PROFILE_TORQUE,)),
+    "silent-refusal": DriveKind(modes=(PROFILE_TORQUE,), lacks=(0x6502,), keeps_mode_silently=True),
+}
+"""By name, for robot files; the last two cannot drive a robot, and are refused with the reason."""
+
+
+def _of(kind: DriveKind) -> Callable[[Cia402Settings, Link, Port | None], SimulatedCia402]:
+    return lambda settings, link, port: SimulatedCia402(link, settings, port, kind)
 
 
 SIMULATED: Final[SimulatedDrives[Cia402Settings, SimulatedCia402]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, link, port: SimulatedCia402(link, settings, port)
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedCia402(link, settings, port),
+    variants={name: _of(kind) for name, kind in KINDS.items()},
 )

@@ -50,6 +50,28 @@ class Device(Protocol):
 
 
 @runtime_checkable
+class Sleeping(Protocol):
+    """A device that needs no pass before `next_ns`, unless a frame arrives: it gives what it gave, and sends nothing.
+
+    That is of its newest pass, which may be asked for at any time; what is done to it from outside may make it earlier.
+    Minus infinity is for a device that needs every pass. What it measures of an IMU it measures when it is due, in
+    `send_telemetry`.
+    """
+
+    @property
+    def next_ns(self) -> float:
+        """When it is to have its next pass, on the clock that stamps the frames, ns."""
+
+
+@runtime_checkable
+class Unseen(Protocol):
+    """A plant that can make steps at less cost where no device looks at its sensors after them."""
+
+    def advance_unseen(self, u: Sequence[float], steps: int) -> Sequence[float]:
+        """As `Advancing.advance`; of the outputs, what costs much may be older. What comes after is the same."""
+
+
+@runtime_checkable
 class Advancing(Protocol):
     """A plant that can make several steps at once, at less cost."""
 
@@ -68,3 +90,8 @@ def advance_of(plant: Model) -> Advance:
         return plant.step(u)
 
     return advance
+
+
+def unseen_advance_of(plant: Model) -> Advance:
+    """The plant's own way of making several steps that nobody looks at, or that of those that are."""
+    return plant.advance_unseen if isinstance(plant, Unseen) else advance_of(plant)

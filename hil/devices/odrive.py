@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""ODrives as their firmware behaves: one board with two axes (0.5), or a board for each wheel (0.6).
+"""ODrives as their firmware behaves: boards with two axes each (0.5), or a board for each axis (0.6).
 
 What is sent is packed here, not by the driver's codec, from communication/can/can_simple.cpp of
 github.com/odriverobotics/ODrive and from ODrive's DBC files. The newest revision of can_simple.cpp that answers remote
@@ -32,9 +32,8 @@ TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
 DEFAULT_RELEASES: Final = {Firmware.V0_5: Release.V0_5_6, Firmware.V0_6: Release.V0_6_10}
 """What runs where a robot file names no more than the firmware."""
-_NAMES: Final = ("left", "right")
-_WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
-_wheels = itemgetter(*_WHEELS)
+_ON_A_BOARD: Final = 2
+"""Axes of a board of 0.5."""
 _FULL: Final = 8
 _SETPOINTS: Final = (m.SetInputPosition, m.SetInputVelocity, m.SetInputTorque)
 _HEARTBEAT: Final = 0x01
@@ -119,17 +118,15 @@ class _Cycle:
 
 
 class SimulatedOdrive:
-    """Two wheels on ODrives; see `Device`.
+    """The axes of a robot on ODrives; see `Device`.
 
     Attributes:
         release: What runs on them.
-        axes: Both axes, left first.
-        boards: The one that both are on (0.5), or one for each (0.6).
+        axes: The axes, in the order of the settings.
+        boards: Those that they are on: two axes that follow one another share one (0.5), or each has its own (0.6).
         cycles: What each axis sends unasked, and how often.
+        next_ns: See `Sleeping`: it sleeps while its torques follow from nothing but the newest set-points.
     """
-
-    inputs: Sequence[str] = ("left.torque", "right.torque")
-    needs: Sequence[str] = _WHEELS
 
     def __init__(
         self, link: Link, settings: OdriveSettings, port: Port | None = None, release: Release | None = None
@@ -145,18 +142,23 @@ class SimulatedOdrive:
         named = Firmware.V0_5 if settings.firmware == "auto" else Firmware(settings.firmware)
         self.release = DEFAULT_RELEASES[named] if release is None else release
         self.firmware = self.release.firmware
-        self.axes = [SimulatedAxis(self.release, settings.wheel(name), settings.watchdog_s) for name in _NAMES]
-        groups = [[axis] for axis in self.axes]
-        if self.firmware is Firmware.V0_5:
-            groups = [sorted(self.axes, key=lambda axis: axis.settings.axis)]
-        self.boards = [SimulatedBoard(self.release, axes) for axes in groups]
+        self.inputs: Sequence[str] = [f"{name}.torque" for name in settings.axes]
+        self.needs: Sequence[str] = [f"{name}.{value}" for name in settings.axes for value in ("angle", "velocity")]
+        self._measured = itemgetter(*self.needs)
+        self.axes = [SimulatedAxis(self.release, wheel, settings.watchdog_s) for wheel in settings.axes.values()]
+        size = _ON_A_BOARD if self.firmware is Firmware.V0_5 else 1
+        groups = [self.axes[first : first + size] for first in range(0, len(self.axes), size)]
+        self.boards = [
+            SimulatedBoard(self.release, sorted(axes, key=lambda axis: axis.settings.axis)) for axes in groups
+        ]
         self.is_on = True
         self.cycles = [self._cycles(settings) for _ in self.axes]
         self._link = link
-        self._next_ns = -math.inf
+        self.next_ns = -math.inf
+        self._due_ns = self._acts_ns = -math.inf
         self._refused = 0
         self._pack = _PACK.get(self.release, _PACK[Release.V0_5_5])
-        self._ends = [(axis, self.boards[-1 if axis is self.axes[1] else 0]) for axis in self.axes]
+        self._ends = [(axis, self.boards[place // size]) for place, axis in enumerate(self.axes)]
         self._by_node = {axis.node_id: (axis, board) for axis, board in self._ends}
         self._ascii = None if port is None else AsciiPort(port, self.boards[0])
 
@@ -167,11 +169,11 @@ class SimulatedOdrive:
 
     def switch_off(self) -> None:
         """Take the power away."""
-        self.is_on = False
+        self.is_on, self.next_ns = False, -math.inf
 
     def switch_on(self) -> None:
         """Give the power back: everything but the configuration is lost."""
-        self.is_on = True
+        self.is_on, self.next_ns = True, -math.inf
         for board in self.boards:
             board.restart()
 
@@ -180,7 +182,7 @@ class SimulatedOdrive:
         if not self.is_on:
             if self._ascii is not None:
                 self._ascii.discard()
-            return (0.0, 0.0)
+            return (0.0,) * len(self.axes)
         self._move(outputs)
         for frame in frames:
             end = None if frame.is_extended else self._by_node.get(frame.arbitration_id // COMMANDS)
@@ -192,11 +194,13 @@ class SimulatedOdrive:
             board.check_supply()
         for axis in self.axes:
             axis.tick(now_ns)
+        self._acts_ns = self._next_act_ns(now_ns)
+        self.next_ns = min(self._acts_ns, self._due_ns)
         return [axis.settings.wheel_torque(axis.torque_nm) for axis in self.axes]
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due."""
-        if not self.is_on or now_ns < self._next_ns:  # as in most ticks
+        if not self.is_on or now_ns < self._due_ns:  # as in most ticks
             return
         due = [
             (end, cycle.command)
@@ -204,11 +208,18 @@ class SimulatedOdrive:
             for cycle in cycles
             if cycle.is_due(now_ns)
         ]
-        self._next_ns = min(cycle.next_ns for cycles in self.cycles for cycle in cycles)
+        self._due_ns = min(cycle.next_ns for cycles in self.cycles for cycle in cycles)
+        self.next_ns = min(self._acts_ns, self._due_ns)
         if due:
             self._move(outputs)
         for (axis, board), command in due:
             self._send(axis, board, command)
+
+    def _next_act_ns(self, now_ns: int) -> float:
+        """When, after a pass now, the next one may change anything; bytes of the serial line come at any time."""
+        if self._ascii is not None or any([board.limits_current for board in self.boards]):  # noqa: C419 - a generator takes longer
+            return -math.inf
+        return min([axis.next_ns(now_ns) for axis in self.axes])
 
     def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
         periods = [(_HEARTBEAT, settings.heartbeat_period_s), (_ESTIMATES, settings.encoder_period_s)]
@@ -218,11 +229,11 @@ class SimulatedOdrive:
         return [_Cycle(command, round(period_s * 1e9)) for command, period_s in periods]
 
     def _move(self, outputs: Mapping[str, float]) -> None:
-        left, right = self.axes
-        left_angle, left_velocity, right_angle, right_velocity = _wheels(outputs)
-        left.move(left_angle, left_velocity)
-        right.move(right_angle, right_velocity)
-        left.supply_voltage = right.supply_voltage = supply_voltage(outputs)
+        values, supply, place = self._measured(outputs), supply_voltage(outputs), 0
+        for axis in self.axes:
+            axis.move(values[place], values[place + 1])
+            axis.supply_voltage = supply
+            place += 2
 
     def _receive(self, axis: SimulatedAxis, board: SimulatedBoard, frame: Frame, now_ns: int) -> None:
         """Process a frame. To 0.5 any one feeds the watchdog; to 0.6 a set-point does, as far as is known."""
@@ -310,9 +321,14 @@ def _lose_watchdog(drives: SimulatedOdrive) -> None:
         axis.watchdog_s = None
 
 
+def _of(release: Release) -> Callable[[OdriveSettings, Link, Port | None], SimulatedOdrive]:
+    return lambda settings, link, port: SimulatedOdrive(link, settings, port, release)
+
+
 SIMULATED: Final[SimulatedDrives[OdriveSettings, SimulatedOdrive]] = SimulatedDrives(
     tick_ns=TICK_NS,
     device=lambda settings, link, port: SimulatedOdrive(link, settings, port),
+    variants={release.value: _of(release) for release in Release},
     press_stop=_press_stop,
     lose_watchdog=_lose_watchdog,
 )

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Two VESC controllers on one bus, one of them with its UART connected, as their firmware behaves.
+"""VESC controllers on one bus, one of them with its UART connected, as their firmware behaves.
 
-Simplified: packets between the two take no time; the current follows its target with a lag, whatever the supply
+Simplified: packets between them take no time; the current follows its target with a lag, whatever the supply
 voltage; the modes that the driver does not use follow their targets proportionally.
 """
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
 
 from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.vesc.frames import (
@@ -228,24 +229,34 @@ class Controller:
 _SET_BY_PACKET: Final = {int(packet): command for command, packet in SET_PACKETS.items()}
 
 
-class SimulatedVesc:
-    """Both controllers; see `Device`. A test may break the bus between the two; unusable frames are counted."""
+_VARIANTS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "6.05": {},
+    "5.02": {"version": (5, 2), "answers_configuration": False},
+    "weak": {"max_current": 1.0},
+}
+"""By name, for robot files. The configuration of 5.02 has another layout, which is not simulated, nor asked for; one
+that is weak has a motor current set that is too small, so that the robot is not armed."""
 
-    inputs: Sequence[str] = ("left.torque", "right.torque")
-    needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+
+class SimulatedVesc:
+    """All controllers; see `Device`. A test may break the bus between them; unusable frames are counted.
+
+    Attributes:
+        controllers: By the name of their axis.
+    """
 
     def __init__(
         self, link: Link, settings: VescSettings, port: Port | None = None, firmware: Firmware | None = None
     ) -> None:
-        """Switch two controllers on, set up by `settings` where no `firmware` is given."""
-        rate_hz = settings.status_rate_hz
-        used = firmware or Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
-        self.left, self.right = Controller(settings.left, used), Controller(settings.right, used)
+        """Switch the controllers on, set up by `settings` where no `firmware` is given."""
+        used = firmware or _set_up(settings)
+        self.inputs: Sequence[str] = [f"{name}.torque" for name in settings.axes]
+        self.needs: Sequence[str] = [f"{name}.{value}" for name in settings.axes for value in ("angle", "velocity")]
+        self.controllers = {name: Controller(wheel, used) for name, wheel in settings.axes.items()}
         self.bus_is_whole = True
         self.refused_frames = 0
-        self._near, self._far = self.left, self.right
-        if settings.serial_controller == "right":
-            self._near, self._far = self.right, self.left
+        self._all = list(self.controllers.values())
+        self._near = self.controllers[settings.serial_controller or next(iter(settings.axes))]
         self._link = link
         self._port = port
         self._receiver = PacketReceiver()
@@ -260,22 +271,22 @@ class SimulatedVesc:
                 reply = self._process(self._near, packet, now_ns)
                 if reply is not None:
                     self._port.write(frame_packet(reply))
-        return self.left.run(now_ns), self.right.run(now_ns)
+        return [controller.run(now_ns) for controller in self._all]
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send the status messages that are due."""
         self._measure(outputs)
-        for controller in (self.left, self.right):
+        for controller in self._all:
             for frame in controller.due(now_ns):
                 self._link.send(frame)
 
     def _measure(self, outputs: Mapping[str, float]) -> None:
-        for name, controller in (("left", self.left), ("right", self.right)):
+        for name, controller in self.controllers.items():
             controller.measure(outputs[f"{name}.angle"], outputs[f"{name}.velocity"], supply_voltage(outputs))
 
     def _receive(self, frame: Frame, now_ns: int) -> None:
         address = addressed(frame)
-        for controller in (self.left, self.right):
+        for controller in self._all:
             if address is None or address[1] not in (controller.controller_id, BROADCAST_ID):
                 continue
             try:
@@ -300,7 +311,7 @@ class SimulatedVesc:
             if packet[0] in (Comm.GET_VALUES, Comm.GET_VALUES_SELECTIVE):
                 return controller.reply(packet)
             if packet[0] == Comm.FW_VERSION:
-                return version_reply(controller.controller_id)
+                return version_reply(controller.controller_id, controller.firmware.version)
             if packet[0] == Comm.GET_MCCONF:
                 return configuration_reply(controller.firmware) if controller.firmware.answers_configuration else None
             if packet[0] in _SET_BY_PACKET:
@@ -315,12 +326,13 @@ class SimulatedVesc:
         return None
 
     def _forward(self, packet: bytes, now_ns: int) -> bytes | None:
-        if packet[:1] != bytes((self._far.controller_id,)) or not self.bus_is_whole:
+        far = next((each for each in self._all if packet[:1] == bytes((each.controller_id,))), self._near)
+        if far is self._near or not self.bus_is_whole:
             return None
-        self._send(self._far.controller_id, self._near, Mode.PROCESS, packet[1:])
-        reply = self._process(self._far, packet[1:], now_ns)
+        self._send(far.controller_id, self._near, Mode.PROCESS, packet[1:])
+        reply = self._process(far, packet[1:], now_ns)
         if reply is not None:
-            self._send(self._near.controller_id, self._far, Mode.PASS_ON, reply)
+            self._send(self._near.controller_id, far, Mode.PASS_ON, reply)
         return reply
 
     def _send(self, receiver_id: int, sender: Controller, mode: Mode, packet: bytes) -> None:
@@ -328,6 +340,18 @@ class SimulatedVesc:
             self._link.send(frame)
 
 
+def _set_up(settings: VescSettings) -> Firmware:
+    """A controller as the settings of a robot file want it."""
+    rate_hz = settings.status_rate_hz
+    return Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
+
+
+def _of(changes: Mapping[str, Any]) -> Callable[[VescSettings, Link, Port | None], SimulatedVesc]:
+    return lambda settings, link, port: SimulatedVesc(link, settings, port, replace(_set_up(settings), **changes))
+
+
 SIMULATED: Final[SimulatedDrives[VescSettings, SimulatedVesc]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, link, port: SimulatedVesc(link, settings, port)
+    tick_ns=TICK_NS,
+    device=lambda settings, link, port: SimulatedVesc(link, settings, port),
+    variants={name: _of(changes) for name, changes in _VARIANTS.items()},
 )

@@ -121,6 +121,8 @@ class SimulatedWheelBoard:
 
     def _receive(self, line: "_Line", frame: Frame, now_ns: int) -> None:
         payload = line.check(frame)
+        if payload is None:  # as most of what a full bus carries
+            return
         if isinstance(payload, WheelCommand):
             self._commanded_ns = now_ns
         match payload:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """An MTi as it behaves on the bus: it sends a set of measurements each period, unasked, and obeys nobody."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -25,7 +26,8 @@ class SimulatedXsensMti:
     """Sends group counter, sample time, rate of turn and acceleration; see `Device`.
 
     Its period must be a multiple of the rig's tick: it sends no more than one set in a tick. Where it is `powered`
-    again, counter and sample time begin anew; while it is `frozen` it sends the same set again and again.
+    again, counter and sample time begin anew; while it is `frozen` it sends the same set again and again. Between two
+    sets it sleeps; see `Sleeping`.
     """
 
     inputs: Sequence[str] = ()
@@ -33,8 +35,9 @@ class SimulatedXsensMti:
 
     def __init__(self, link: Link, settings: XsensMtiSettings) -> None:
         """Switch a sensor on, which sends over `link`."""
-        self.powered = True
+        self.next_ns = -math.inf
         self.frozen = False
+        self._is_powered = True
         self._link = link
         self._keys = {message: settings.key(message) for message in _SENT}
         self._mounting = settings.rotation
@@ -43,6 +46,15 @@ class SimulatedXsensMti:
         self._on_since_ns: int | None = None
         self._sets = 0
         self._newest: list[Frame] = []
+
+    @property
+    def powered(self) -> bool:
+        """Whether it has its supply."""
+        return self._is_powered
+
+    @powered.setter
+    def powered(self, is_powered: bool) -> None:
+        self._is_powered, self.next_ns = is_powered, -math.inf
 
     @property
     def refused_frames(self) -> int:
@@ -55,7 +67,7 @@ class SimulatedXsensMti:
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send a set of measurements where one is due; see `Device.send_telemetry`."""
-        if not self.powered:
+        if not self._is_powered:
             self._on_since_ns = None
             return
         if self._on_since_ns is None:
@@ -75,6 +87,7 @@ class SimulatedXsensMti:
                 self._vector(Message.ACCELERATION, accelerations, MAX_LINEAR_ACCELERATION),
             ]
         self._sets += 1
+        self.next_ns = self._on_since_ns + self._sets * self._period_ns
         for frame in self._newest:
             self._link.send(frame)
 
@@ -88,6 +101,6 @@ class SimulatedXsensMti:
 
 
 SIMULATED: Final[SimulatedImu[XsensMtiSettings]] = SimulatedImu(
-    device=lambda settings, link: SimulatedXsensMti(link, settings),
+    device=lambda settings, link, _port: SimulatedXsensMti(link, settings),
     frames=lambda settings: [settings.key(message) for message in _SENT],
 )

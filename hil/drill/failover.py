@@ -15,11 +15,12 @@ from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.build import can_link, make_link, takes_serial, with_port
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.case_study.can import read_truth, resample, start_of
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.node.config import NoHardwareSection, RobotFile
+from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.errors import ConfigurationError
@@ -74,9 +75,10 @@ class Failover:
             ConfigurationError: The robot's drives have no serial line.
         """
         hardware = file.hardware
-        if isinstance(hardware, NoHardwareSection) or not takes_serial(hardware):
+        if not isinstance(hardware, BusSettings) or not takes_serial(hardware):
             raise ConfigurationError(f"the drives of robot '{file.name}' have no serial line to fall back on")
         self._port = folder / "serial"
+        self._can = hardware.can
         self._hardware = with_port(hardware, str(self._port))
         self._file = msgspec.structs.replace(file, hardware=self._hardware)
         self._robot = robot
@@ -85,7 +87,7 @@ class Failover:
     def run(self, cause: str) -> FailoverResult:
         """Drive once, and lose the bus in the middle by one of `CAUSES`."""
         name = cause.replace(" ", "_")
-        truth, can = self._folder / f"{name}.truth.csv", self._hardware.can
+        truth, can = self._folder / f"{name}.truth.csv", self._can
         plant = ["plant", self._robot, "--interface", can.interface, "--channel", can.channel]
         plant += ["--serial", str(self._port), "--truth", str(truth)]
         with command(plant, self._folder / f"{name}.plant.txt"):
@@ -104,11 +106,11 @@ class Failover:
 
     def _drive(self, cause: str) -> "_Drive":
         clock = RealClock()
-        bus = FaultyLink(can_link(self._hardware.can, clock))
+        bus = FaultyLink(can_link(self._can, clock))
 
         def break_bus() -> None:
             if cause == INTERFACE_DOWN:
-                _set_interface(self._hardware.can.channel, "down")
+                _set_interface(self._can.channel, "down")
             else:
                 bus.fault = LinkFault(cause)
 

@@ -4,11 +4,12 @@
 Each line is answered with when it took effect.
 
     mute                the drives receive, and what they send is lost
-    cut                 nothing passes on the bus either way; a serial line goes on
+    cut                 nothing passes on the bus either way; a serial line to fall back on goes on
     freeze WHAT         measured values that begin with WHAT, such as left, imu or left.velocity, stay as they are
     add WHAT AMOUNT     measured values that begin with WHAT are too large by AMOUNT, in their unit
     heal                undo all of the above
     write NAME VALUE    write a state or parameter of the plant
+    driven              nothing; the answer ends with when a motor was last driven, monotonic, ns, or `never`
 
 An answer is the monotonic time, ns, and the line; or the time, `refused:` and why.
 """
@@ -24,6 +25,7 @@ from typing import IO, Final, Literal, NamedTuple
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import Trace
@@ -60,6 +62,34 @@ class DisturbedLink(LinkFront):
         return [] if self.disturbance == "cut" else frames
 
 
+class DisturbedPort:
+    """The drives' end of a serial line in place of a bus, disturbed as that would be; see `Port`."""
+
+    def __init__(self, behind: Port, link: DisturbedLink) -> None:
+        """Lose bytes of the port behind, whenever `link` loses frames."""
+        self._behind = behind
+        self._link = link
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have arrived; what arrives at a cut cable is gone."""
+        if self._link.disturbance == "cut":
+            self._behind.read(self._behind.in_waiting)
+        return self._behind.in_waiting
+
+    def read(self, size: int, /) -> bytes:
+        """Take up to `size` bytes."""
+        return self._behind.read(size)
+
+    def write(self, data: bytes, /) -> int | None:
+        """Queue bytes, or lose them."""
+        return self._behind.write(data) if self._link.disturbance is None else len(data)
+
+    def close(self) -> None:
+        """Close the port behind."""
+        self._behind.close()
+
+
 class PlantControl:
     """Disturbs a plant and its bus by lines of text."""
 
@@ -69,6 +99,12 @@ class PlantControl:
         self._link = link
         self._plant = plant
         self._clock = clock
+        self._driven_ns: int | None = None
+
+    def note_torque(self, monotonic_ns: int, _wall_ns: int, values: Sequence[float]) -> None:
+        """See what the motors give in a tick; see `Trace`."""
+        if drives(values):
+            self._driven_ns = monotonic_ns
 
     def obey(self, line: str) -> str:
         """Do what a line requests; return the answer."""
@@ -86,9 +122,11 @@ class PlantControl:
                 self._robot.errors.clear()
             case ["write", name, value]:
                 refused = self._write(name, value)
+            case ["driven"]:
+                line = f"driven {'never' if self._driven_ns is None else self._driven_ns}"
             case _:
                 refused = (
-                    "it must be mute, cut, freeze left|right|imu|SIGNAL, add imu|SIGNAL AMOUNT, heal, "
+                    "it must be mute, cut, freeze left|right|imu|SIGNAL, add imu|SIGNAL AMOUNT, heal, driven, "
                     "or write NAME VALUE of the plant"
                 )
         return f"{self._clock.now_ns()} {line if refused is None else f'refused: {refused}'}"
@@ -123,6 +161,11 @@ class PlantControl:
         except ModelError as error:
             return str(error)
         return None
+
+
+def drives(torques: Sequence[float]) -> bool:
+    """Whether motors that are given so much, N m or V, drive anything."""
+    return any(abs(torque) > NOTHING for torque in torques)
 
 
 class LineReader:
@@ -205,7 +248,7 @@ def read_trace(path: Path) -> list[Tick]:
         return []
     text = path.read_text(encoding="ascii")
     rows = list(csv.reader(text[: text.rfind("\n") + 1].splitlines()))[1:]
-    return [Tick(int(row[0]), any(abs(float(value)) > NOTHING for value in row[len(_STAMPS) :])) for row in rows]
+    return [Tick(int(row[0]), drives([float(value) for value in row[len(_STAMPS) :]])) for row in rows]
 
 
 def driven_since_ns(ticks: Sequence[Tick]) -> int | None:

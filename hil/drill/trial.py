@@ -16,6 +16,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
 
+from segway_ecc.firmware_io.drives.family import family_of
 from segway_ecc.hil.drill.parts import (
     DrillSetup,
     Parts,
@@ -28,8 +29,7 @@ from segway_ecc.hil.drill.parts import (
 from segway_ecc.hil.drill.plant_control import Torque, read_trace, torque_after
 from segway_ecc.hil.drill.stepped_clock import AHEAD, BACK
 from segway_ecc.hil.processes import ProcessFailedError
-from segway_ecc.hil.rig.simulation import hardware_of
-from segway_ecc.node.config import load_robot
+from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 
 _ANSWERS_WITHIN_S: Final = 5.0
 _RECORDER_NOTICES_WITHIN_S: Final = 30.0
@@ -49,6 +49,8 @@ GAP_LIMIT_S: Final = 0.1
 """A robot that drives on may be without torque for no longer, as while it passes to its other line."""
 _DRIVEN_S: Final = 1.5
 _LOOK_S: Final = 1.0
+_WATCHDOG_SLACK_S: Final = 0.01
+"""For the firmware's own clock, where the watchdog takes longer than torque may otherwise go on."""
 _AFTER_S: Final = 0.5
 """Looked on for after a stopped process goes on: what it does then counts too."""
 _DISK_BYTES: Final = 4 << 20
@@ -78,6 +80,7 @@ class DrillFault:
         disk: Whether the log is to be on a disk of its own.
         interface: Whether it needs a network interface, which is set down.
         silences: Whether it silences telemetry alone, which a robot may ride through for a while.
+        watchdog: Whether only the drives' own watchdog ends torque, be there a guard or not.
     """
 
     name: str
@@ -90,6 +93,7 @@ class DrillFault:
     disk: bool = False
     interface: bool = False
     silences: bool = False
+    watchdog: bool = False
 
 
 def _kill(part: str) -> Harm:
@@ -213,8 +217,8 @@ FAULTS: Final = {
         DrillFault("recorder killed", DrillOutcome.DRIVES_ON, _kill("recorder")),
         DrillFault("recorder stopped", DrillOutcome.DRIVES_ON, _stop("recorder")),
         DrillFault("drives mute", DrillOutcome.ENDS, _request("mute"), silences=True),
-        DrillFault("bus down", DrillOutcome.ENDS, _set_down, interface=True),
-        DrillFault("cable cut", DrillOutcome.ENDS, _request("cut")),
+        DrillFault("bus down", DrillOutcome.ENDS, _set_down, interface=True, watchdog=True),
+        DrillFault("cable cut", DrillOutcome.ENDS, _request("cut"), watchdog=True),
         DrillFault("cable cut with serial line", DrillOutcome.DRIVES_ON, _request("cut"), serial=True),
         DrillFault("left sensor frozen", DrillOutcome.ENDS, _request("freeze left"), within_s=_FROZEN_LIMIT_S),
         DrillFault("clock an hour ahead", DrillOutcome.DRIVES_ON, _step_clock(AHEAD), stepped=True),
@@ -281,10 +285,21 @@ def run(fault: DrillFault, setup: DrillSetup) -> DrillResult:
             )
         elif fault.stepped:
             note = "as the processes read it: the machine's own clock is not set"
-    within_s = fault.within_s
-    if fault.silences:
-        within_s += hardware_of(load_robot(setup.robot)).ride_through_s
+    within_s = limit_s(fault, load_robot(setup.robot), guard=setup.guard)
     return DrillResult(fault.name, fault.expected, setup.guard, torque, messages, note, within_s)
+
+
+def limit_s(fault: DrillFault, file: RobotFile, *, guard: bool) -> float:
+    """Longest time from a fault to the last torque of a robot, with a guard or without, s."""
+    within_s, hardware = fault.within_s, file.hardware
+    if isinstance(hardware, NoHardwareSection):
+        return within_s
+    if fault.silences:
+        within_s += hardware.ride_through_s
+    timeout_s = family_of(hardware).watchdog(hardware).timeout_s
+    if timeout_s > LIMIT_S and (fault.watchdog or not guard):
+        within_s = max(within_s, timeout_s + _WATCHDOG_SLACK_S)
+    return within_s
 
 
 def _harm(fault: DrillFault, parts: Parts) -> tuple[Torque, list[str]]:

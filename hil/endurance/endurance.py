@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.endurance.driving import Driver
 from segway_ecc.hil.faults.fault import Fault, Injections, Timeline
 from segway_ecc.hil.faults.links import DisturbedBus
@@ -21,7 +22,7 @@ from segway_ecc.hil.processes import ignore_interrupt, quiet, spawning
 from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.rig.fronts import RecorderFront, kernel_ends
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, can_of, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -164,17 +165,19 @@ def drive(  # noqa: PLR0913 - what there is to choose
     Raises:
         ConfigurationError: The robot cannot be simulated.
     """
-    bitrate = hardware_of(file).can.bitrate
-    rig = LockstepRig(bitrate)
+    hardware = hardware_of(file)
+    rig = LockstepRig.of(hardware)
     node_end: Link
     plant_end: Link
+    ports: Sequence[Port | None] = ()
     if channel is None:
-        node_end, plant_end = rig.bus.attach("node"), rig.bus.attach("plant")
+        ends = rig.ends(hardware)
+        node_end, plant_end, ports = ends.node, ends.devices, (ends.port, ends.imu_port)
     else:
-        node_end, plant_end = kernel_ends(rig, (channel, channel), bitrate)
+        node_end, plant_end = kernel_ends(rig, (channel, channel), can_of(hardware))
     lossy = [Fault(target="can", type="intermittent", at_s=0.0, amount=frame_loss)] if frame_loss else []
     injections = Injections((*lossy, *faults), seed, rig.now_ns)
-    bus, simulated = CountedBus(node_end, injections, rig.now_ns), simulated_robot(file, plant_end)
+    bus, simulated = CountedBus(node_end, injections, rig.now_ns), simulated_robot(file, plant_end, *ports)
     if any(variable.name == _SEED for variable in simulated.plant.parameters):
         simulated.plant.write(_SEED, seed)
         simulated.outputs = simulated.plant.initialize(simulated.inputs)

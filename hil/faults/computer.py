@@ -4,7 +4,7 @@
 from collections.abc import Callable, Sequence
 
 from segway_ecc.hil.errors import RigError
-from segway_ecc.hil.faults.fault import Injections, active
+from segway_ecc.hil.faults.fault import Injection, Injections, active
 from segway_ecc.hil.rig.fronts import RecorderFront
 from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
@@ -27,7 +27,7 @@ class DisturbedClock:
         self._rig = rig
         self._clock = injections.of("clock")
         self._process = injections.of("process")
-        self._stalls = [i for i in self._process if i.fault.type == "stuck"]
+        self._stalled: list[Injection] = []
 
     def wall_ns(self) -> int:
         """Simulated wall-clock time, and what is wrong with it."""
@@ -58,8 +58,8 @@ class DisturbedClock:
                     raise ProcessKilledError("the node was killed, as the scenario declares")
                 case "slow":
                     self.spend(injection.size)
-                case "stuck" if injection in self._stalls:
-                    self._stalls.remove(injection)
+                case "stuck" if injection not in self._stalled:
+                    self._stalled.append(injection)
                     self.spend(injection.size)
 
     def spend(self, duration_s: float) -> None:
@@ -73,8 +73,7 @@ class FailingRecorder(RecorderFront):
     def __init__(self, recorder: Recorder, injections: Injections, clock: DisturbedClock) -> None:
         """Stand in front of `recorder`."""
         super().__init__(recorder)
-        self._losses = [i for i in injections.of("disk") if i.fault.type == "intermittent"]
-        self._injections = [i for i in injections.of("disk") if i.fault.type != "intermittent"]
+        self._injections = injections.of("disk")
         self._clock = clock
 
     def write(self, record: CycleRecord) -> None:
@@ -97,12 +96,14 @@ class FailingRecorder(RecorderFront):
 
     def write_state(self, take: Callable[[], Snapshot]) -> None:
         """Keep a snapshot, or lose it."""
-        if not any(injection.happens() for injection in active(self._losses)):
+        losses = [injection for injection in active(self._injections) if injection.fault.type == "intermittent"]
+        if not any(injection.happens() for injection in losses):
             super().write_state(take)
 
     def _fail(self) -> None:
         for injection in active(self._injections):
-            if injection.fault.type == "slow":
-                self._clock.spend(injection.size)
-            else:
-                raise RecordingError("the disk has failed, as the scenario declares")
+            match injection.fault.type:
+                case "slow":
+                    self._clock.spend(injection.size)
+                case "off":
+                    raise RecordingError("the disk has failed, as the scenario declares")

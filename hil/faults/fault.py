@@ -2,7 +2,7 @@
 """What a fault is (which part fails, how, when, and by how much), and when it is there in a run in lock step."""
 
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
@@ -183,6 +183,23 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
 }
 """Every fault there is, and what it does."""
 
+IMU_SIGNALS: Final = tuple(f"{kind}_{axis}" for kind in ("angular_velocity", "linear_acceleration") for axis in "xyz")
+"""What an IMU measures."""
+_ACT_AHEAD: Final = {
+    *((target, "delayed") for target in ("imu", "encoder", "left_motor", "right_motor", "stranger")),
+    ("can", "wrong"),
+    ("stranger", "off"),
+    ("stranger", "garbage"),
+    ("stranger", "stuck"),
+    ("model", "off"),
+    ("model", "garbage"),
+    ("model", "wrong"),
+    ("model", "oscillating"),
+    ("model", "slow"),
+    ("odometry", "wrong"),
+}
+"""Faults for which the run is another one before they begin: it remembers what was before, has another participant on
+its bus, or a model that can misbehave."""
 _FOR_GOOD: Final = {("battery", "off"), ("process", "off"), ("process", "stuck")}
 """Faults whose end is not in the declaration's hands."""
 
@@ -197,7 +214,7 @@ class Fault(Section, frozen=True, kw_only=True):
         amount: How much; see `KINDS`. None for what stands there.
         every_s: It comes again each time after so long, s; None for once.
         since: What `at_s` counts from: when the robot was armed, or when it was switched on.
-        name: The variable that is written; of a parameter only.
+        name: The variable that is written, of a parameter; of an IMU that is wrong the signal that alone is.
     """
 
     target: Target
@@ -223,8 +240,16 @@ class Fault(Section, frozen=True, kw_only=True):
             raise ValueError(f"for_s has no meaning where {self.target} is {self.type}: leave it out")
         if self.every_s is not None and (self.for_s is None or self.for_s >= self.every_s):
             raise ValueError("every_s needs a for_s that is shorter")
-        if (self.name is not None) != (self.target == "parameter"):
-            raise ValueError("name is that of a parameter: a parameter needs one, and nothing else has one")
+        if self.target == "imu" and self.type == "wrong":
+            if self.name not in {None, *IMU_SIGNALS}:
+                raise ValueError(f"name of an IMU's fault is one of {', '.join(IMU_SIGNALS)}, not '{self.name}'")
+        elif (self.name is not None) != (self.target == "parameter"):
+            raise ValueError("name is that of a parameter: a parameter needs one; an IMU that is wrong may have one")
+
+    @property
+    def acts_ahead(self) -> bool:
+        """Whether a run with it may be another one than a run without it already before the robot is armed."""
+        return self.since == "power_on" or (self.target, self.type) in _ACT_AHEAD
 
     @property
     def size(self) -> float | None:
@@ -292,13 +317,23 @@ class Injections:
     def __init__(self, faults: Sequence[Fault], seed: int, now_ns: NowNs) -> None:
         """Make the faults of a run; seed 0 makes each exactly when declared, others up to 20 ms later."""
         self.timeline = Timeline(now_ns)
-        switched_on = Timeline(now_ns)
-        switched_on.start()
-        timelines = {"armed": self.timeline, "power_on": switched_on}
-        self._all = [Injection(fault, timelines[fault.since], f"{seed}/{place}") for place, fault in enumerate(faults)]
+        self._switched_on = Timeline(now_ns)
+        self._switched_on.start()
+        self._all: list[Injection] = []
+        self._given: list[tuple[Collection[Target], list[Injection]]] = []
+        self.declare(faults, seed)
+
+    def declare(self, faults: Sequence[Fault], seed: int) -> None:
+        """Add faults, also to what `of` has returned; those that have an effect before they begin are too late then."""
+        timelines = {"armed": self.timeline, "power_on": self._switched_on}
         offset_s = random.Random(seed).uniform(0.0, _SPREAD_S) if seed else 0.0  # noqa: S311 - as above
-        for injection in self._all:
+        for place, fault in enumerate(faults):
+            injection = Injection(fault, timelines[fault.since], f"{seed}/{place}")
             injection.at_ns += round(offset_s * _NS_PER_S)
+            self._all.append(injection)
+            for targets, found in self._given:
+                if fault.target in targets:
+                    found.append(injection)
 
     @property
     def first_ns(self) -> int | None:
@@ -306,9 +341,11 @@ class Injections:
         begin = (injection.at_ns if injection.fault.since == "armed" else 0 for injection in self._all)
         return min(begin, default=None)
 
-    def of(self, *targets: Target) -> list[Injection]:
-        """The faults of some parts."""
-        return [injection for injection in self._all if injection.fault.target in targets]
+    def of(self, *targets: Target) -> Sequence[Injection]:
+        """The faults of some parts: those of now, and those that are declared later."""
+        found = [injection for injection in self._all if injection.fault.target in targets]
+        self._given.append((targets, found))
+        return found
 
 
 def active(injections: Sequence[Injection]) -> list[Injection]:

@@ -58,8 +58,12 @@ class DisturbedBus(FaultyLink):
 
     def _set_fault(self) -> Sequence[Injection]:
         """Fail as a whole where that is asked for; returns what is there now."""
+        self.fault = None
+        if not self._injections:
+            return ()
         faults = active(self._injections)
-        self.fault = next((_FAULTS[i.fault.type] for i in faults if i.fault.type in _FAULTS), None) if faults else None
+        if faults:
+            self.fault = next((_FAULTS[i.fault.type] for i in faults if i.fault.type in _FAULTS), None)
         return faults
 
     def _remember(self, frames: Sequence[Frame], *, is_sent: bool) -> None:
@@ -119,17 +123,17 @@ class DisturbedDevicesLink(LinkFront):
         """Stand in front of `link`; `imu_frames` are the IMU's identifiers, and whether they are extended."""
         super().__init__(link)
         self.on_send: Callable[[Frame], None] | None = None
-        self._imu = [i for i in injections.of("imu") if i.fault.type in {"off", "intermittent"}]
-        self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
+        self._imu = injections.of("imu")
+        self._battery = injections.of("battery")
         self._imu_frames = imu_frames
 
     def send(self, frame: Frame) -> bool:
         """Send, unless the sender is silent."""
-        if self._battery and self._is_without_supply:
+        if self._battery and _is_off(self._battery):
             return True
         if self._imu and (frame.arbitration_id, frame.is_extended) in self._imu_frames:
-            is_lost = any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
-            if is_lost:
+            losses = [i for i in active(self._imu) if i.fault.type in {"off", "intermittent"}]
+            if any(i.fault.type == "off" or i.happens() for i in losses):
                 return True
         if self.on_send is not None:
             self.on_send(frame)
@@ -138,11 +142,11 @@ class DisturbedDevicesLink(LinkFront):
     def receive(self) -> list[Frame]:
         """Receive, unless nobody has supply."""
         frames = self.behind.receive()
-        return [] if self._battery and self._is_without_supply else frames
+        return [] if self._battery and _is_off(self._battery) else frames
 
-    @property
-    def _is_without_supply(self) -> bool:
-        return any(injection.is_active for injection in self._battery)
+
+def _is_off(battery: Sequence[Injection]) -> bool:
+    return any(injection.fault.type == "off" for injection in active(battery))
 
 
 class DisturbedLine:
@@ -152,14 +156,16 @@ class DisturbedLine:
         """Disturb `wires`."""
         self._wires = wires
         self._injections = injections.of("serial")
-        self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
+        self._battery = injections.of("battery")
         self._tick_s = tick_ns * 1e-9
         self._is_unplugged = False
 
     def act(self) -> None:
         """Do what is due now."""
+        if not self._injections and not self._battery:
+            return
         faults = {i.fault.type: i for i in active(self._injections)}
-        is_cut = "off" in faults or any(i.is_active for i in self._battery)
+        is_cut = "off" in faults or _is_off(self._battery)
         if is_cut != self._wires.cut:
             self._wires.cut = is_cut
         if ("stuck" in faults) != self._is_unplugged:

@@ -4,6 +4,7 @@
 from collections import deque
 from collections.abc import Sequence
 
+from segway_ecc.hil.devices.device import unseen_advance_of
 from segway_ecc.hil.faults.fault import Injection, Injections
 from segway_ecc.hil.rig.fronts import PlantFront
 from segway_ecc.node.model.model import Model, Variable
@@ -32,27 +33,46 @@ class DisturbedPlant(PlantFront):
     def __init__(self, plant: Model, injections: Injections) -> None:
         """Stand in front of `plant`."""
         super().__init__(plant)
-        self._sensors = [_Disturbance(i, plant.outputs, plant.step_size) for i in injections.of("imu", "encoder")]
-        motors = injections.of("left_motor", "right_motor", "battery")
-        self._motors = [_Disturbance(i, plant.inputs, plant.step_size) for i in motors]
-        self._disturbances = (*self._motors, *self._sensors)
-        self._varying = [each for each in self._disturbances if each.may_act_each_step]
+        self._of_sensors = injections.of("imu", "encoder")
+        self._of_motors = injections.of("left_motor", "right_motor", "battery")
+        self._sensors: list[_Disturbance] = []
+        self._motors: list[_Disturbance] = []
+        self._varying: list[_Disturbance] = []
+        self._advance_unseen = unseen_advance_of(plant)
+
+    def advance_unseen(self, u: Sequence[float], steps: int) -> Sequence[float]:
+        """Make some steps; faults see what sensors show nevertheless; see `Unseen`."""
+        if self._of_sensors or self._of_motors:
+            return self.advance(u, steps)
+        return self._advance_unseen(u, steps)
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps, at once where none of them is disturbed otherwise than the others; see `Advancing`."""
-        if not self._disturbances:
+        if not self._of_sensors and not self._of_motors:
             return super().advance(u, steps)
+        if len(self._sensors) + len(self._motors) < len(self._of_sensors) + len(self._of_motors):
+            self._prepare()
         if not any(disturbance.acts_each_step for disturbance in self._varying):
             return self._disturbed(u, steps)
         for _ in range(steps - 1):
             self._disturbed(u, 1)
         return self._disturbed(u, 1)
 
+    def _prepare(self) -> None:
+        """Take the faults that have been declared since."""
+        for disturbances, injections, variables in (
+            (self._sensors, self._of_sensors, self.outputs),
+            (self._motors, self._of_motors, self.inputs),
+        ):
+            new = [_Disturbance(i, variables, self.step_size) for i in injections[len(disturbances) :]]
+            disturbances.extend(new)
+            self._varying += [each for each in new if each.may_act_each_step]
+
     def _disturbed(self, u: Sequence[float], steps: int) -> list[float]:
         given = list(u)
         for motor in self._motors:
             motor.disturb(given)
-        measured = super().advance(given, steps)
+        measured = list(super().advance(given, steps))  # the plant may keep what it gave
         for sensor in self._sensors:
             sensor.disturb(measured)
         return measured
@@ -67,6 +87,8 @@ class _Disturbance:
         names = [v.name for v in variables]
         if fault.type == "swapped" and fault.target != "imu":
             prefixes = _PREFIXES["battery"]
+        elif fault.name is not None:
+            prefixes = (f"imu.{fault.name}",)
         else:
             prefixes = _PREFIXES[fault.target]
         self._places = [place for place, name in enumerate(names) if name.startswith(prefixes)]

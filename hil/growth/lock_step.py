@@ -90,16 +90,6 @@ def measure_ports(ports: int) -> Point:
     return Point(axis=Axis.PORTS, size=ports, cost=cost_of(clock.taken_ns[_WARM_UP:]))
 
 
-class ManyOdrives(OdriveSettings, frozen=True, kw_only=True, tag="many_odrives"):
-    """More ODrive axes than a robot with two wheels has; `wheels` are all of them, by name."""
-
-    wheels: dict[str, OdriveWheelSettings]
-
-    def wheel(self, name: str) -> OdriveWheelSettings:
-        """The wheel of a name."""
-        return self.wheels[name]
-
-
 class _Pairs:
     """The simulated drives, two and two with a plant of their own; ticked as one robot."""
 
@@ -131,8 +121,7 @@ def measure_drives(drives: int) -> Point:
         for i in range(drives)
     }
     can = CanSettings(interface="local", channel="growth", bitrate=BITRATE)
-    left, right = wheels["drive0"], wheels["drive1"]
-    settings = ManyOdrives(can=can, firmware="0.5", watchdog_s=0.04, left=left, right=right, wheels=wheels)
+    settings = OdriveSettings(can=can, firmware="0.5", watchdog_s=0.04, axes=wheels)
     rig.attach(_Pairs([_pair(rig, settings, first) for first in range(0, drives, 2)]))  # type: ignore[arg-type]  # as one
     link = rig.bus.attach("node")
     hardware = Assembly(link, [Odrive(link, name, settings, _PERIOD_S, rig.now_ns) for name in wheels], (), rig.now_ns)
@@ -149,9 +138,9 @@ def measure_drives(drives: int) -> Point:
     return Point(axis=Axis.DRIVES, size=drives, cost=cost_of(clock.taken_ns[_WARM_UP:], notes))
 
 
-def _pair(rig: LockstepRig, settings: ManyOdrives, first: int) -> SimulatedRobot:
+def _pair(rig: LockstepRig, settings: OdriveSettings, first: int) -> SimulatedRobot:
     link = rig.bus.attach(f"drives {first} and {first + 1}")
-    left, right = settings.wheels[f"drive{first}"], settings.wheels[f"drive{first + 1}"]
-    pair = OdriveSettings(can=settings.can, firmware="0.5", watchdog_s=0.04, left=left, right=right)
+    axes = {"left": settings.axes[f"drive{first}"], "right": settings.axes[f"drive{first + 1}"]}
+    pair = OdriveSettings(can=settings.can, firmware="0.5", watchdog_s=0.04, axes=axes)
     link.open()
     return SimulatedRobot(link, [SimulatedOdrive(link, pair)], load_model(_PLANT), TICK_NS)

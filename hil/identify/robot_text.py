@@ -10,23 +10,25 @@ from segway_ecc.node.config import RobotFile
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters
 
-_SAFETY: Final = re.compile(r"^safety:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n|[ \t]*\n)*)", re.MULTILINE)
+_SECTIONS: Final = re.compile(r"^(?:safety|geometry):[ \t]*(?:#.*)?\n(?:[ \t]+\S.*\n|[ \t]*\n)*", re.MULTILINE)
 
 
 def with_safety(text: str, p: SegwayParameters) -> str:
-    """The text with what safety is to know of the robot, where it has it; what stood beside a number that changes goes.
+    """The text with what geometry and safety are to know of the robot, where they have it.
 
-    Limits and tolerances stay.
+    What stood beside a number that changes goes. Limits and tolerances stay.
     """
-    section = _SAFETY.search(text)
-    if section is None:
-        return text
-    body = section.group(2)
-    for key, value in rounded(_known_to_safety(p)).items():
-        number = repr(value)
-        body = re.sub(rf"\b{key}: *[-+.\deE]+", f"{key}: {number}", body)
-        body = re.sub(rf"^( *{key}: {re.escape(number)}) *#.*$", r"\1", body, flags=re.MULTILINE)
-    return text[: section.start(2)] + body + text[section.end(2) :]
+    known = rounded(_known_to_safety(p))
+
+    def changed(section: re.Match[str]) -> str:
+        body = section[0]
+        for key, value in known.items():
+            number = repr(value)
+            body = re.sub(rf"\b{key}: *[-+.\deE]+", f"{key}: {number}", body)
+            body = re.sub(rf"^( *{key}: {re.escape(number)}) *#.*$", r"\1", body, flags=re.MULTILINE)
+        return body
+
+    return _SECTIONS.sub(changed, text)
 
 
 def _known_to_safety(p: SegwayParameters) -> Mapping[str, float]:

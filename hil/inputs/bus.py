@@ -16,6 +16,8 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.drives.stopper import Meaning
 from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.inputs.rig import Arrangement, Rig
 from segway_ecc.hil.inputs.trial import Event, InputTrial, balances, ends, falls, rests
 from segway_ecc.hil.processes import ProcessFailedError, command, last_lines
@@ -68,7 +70,9 @@ class BusStranger:
 @contextlib.contextmanager
 def stranger(rig: Rig) -> Iterator[BusStranger]:
     """One on the bus as long as the context lasts."""
-    settings = hardware_of(load_robot(str(rig.file))).can
+    settings = hardware_of(load_robot(str(rig.file))).line
+    if not isinstance(settings, CanSettings):
+        raise RigError(f"robot '{rig.file}' is on no CAN bus, which a stranger could join")
     settings = msgspec.structs.replace(settings, interface="local", channel=rig.parts.setup.channel)
     with contextlib.closing(can_link(settings, RealClock())) as link:
         link.open()

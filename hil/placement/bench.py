@@ -17,7 +17,7 @@ from segway_ecc.firmware_io.drives.stopper import Meaning, Stopper
 from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import BusSettings, HardwareSettings
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
@@ -185,7 +185,7 @@ class CrossingHeartbeats(LinkFront):
 class LockstepGuard:
     """Makes its passes on the rig's clock; see `Source`."""
 
-    def __init__(self, settings: BusSettings, rig: LockstepRig) -> None:
+    def __init__(self, settings: HardwareSettings, rig: LockstepRig) -> None:
         """Guard the drives on the bus of `rig`."""
         stopper = stopper_of(settings)
         self.watch = Watch(stopper, rig.now_ns())
@@ -241,7 +241,9 @@ class _LockstepPlacement:
     def __init__(self, job: PlacementRun) -> None:
         self._job = job
         file = load_robot(job.robot)
-        self._rig = rig = LockstepRig(hardware_of(file).can.bitrate)
+        if not isinstance(hardware_of(file), BusSettings):
+            raise ConfigurationError(f"robot '{job.robot}' is on no CAN bus, which is what is put elsewhere here")
+        self._rig = rig = LockstepRig.of(hardware_of(file))
         self._injections = Injections((), 0, rig.now_ns)
         self._end = rig.bus.attach("plant")
         self._simulated = simulated_robot(file, self._end)

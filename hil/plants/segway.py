@@ -10,6 +10,7 @@ torque it stays there, at anything else it falls, until it lies on a bumper.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import ClassVar, Final, Protocol
 
 from segway_ecc.hil.plants.cart import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
@@ -146,8 +147,12 @@ class _Segway(SectionedModel):
             p = dataclasses.replace(p, encoder_counts_per_turn=0.0)
         left, right = self.body.wheel_angles()
         self._left_encoder, self._right_encoder = Encoder(p, STEP_SIZE, left), Encoder(p, STEP_SIZE, right)
-        self._imu_sample = motion = self.body.measured_motion(self._imu_height)
-        self._imu = Imu(imu_errors(self.p), STEP_SIZE, int(self.p["Seed"]), motion) if share else None
+        body, height = self.body, self._imu_height
+        self._imu_sample = body.measured_motion(height)
+        self._imu = None
+        if share:
+            seed, motion_of = int(self.p["Seed"]), partial(body.measured_motion, height)
+            self._imu = Imu(imu_errors(self.p), STEP_SIZE, seed, body.state, motion_of)
 
     def input(self, u: Sequence[float]) -> None:
         """Take the commands of the drives, N m or V."""
@@ -163,14 +168,21 @@ class _Segway(SectionedModel):
         What moves is integrated in substeps of up to `MOST_STEPS` steps where friction is not too stiff for it, and the
         IMU measures only what will be shown. Encoders count at every step.
         """
+        return self._advance_all(u, steps, is_seen=True)
+
+    def advance_unseen(self, u: Sequence[float], steps: int) -> list[float]:
+        """The same, where the IMU shows what it showed before; see `Unseen`."""
+        return self._advance_all(u, steps, is_seen=False)
+
+    def _advance_all(self, u: Sequence[float], steps: int, *, is_seen: bool) -> list[float]:
         self._take_inputs(u)
-        self._move(steps)
+        self._move(steps, is_seen=is_seen)
         self._steps += steps
         self.time = self._steps * self.step_size
         self._y = list(self.output())
         return self._y
 
-    def _move(self, steps: int) -> None:
+    def _move(self, steps: int, *, is_seen: bool) -> None:
         """Make some steps, in substeps.
 
         Asked for as many each time, the IMU is to have a sample just as old as its latency at each end.
@@ -185,14 +197,15 @@ class _Segway(SectionedModel):
             moved += substep
             if moved == sampled:
                 self.body.accelerate(self._left_motor.present_torque, self._right_motor.present_torque)
-                motion = self.body.measured_motion(self._imu_height)
-                if imu is None:
-                    self._imu_sample = motion
-                else:
-                    imu.add_sample(moved, motion)
+                if imu is not None:
+                    imu.add_sample(moved, self.body.state)
         self._moved = end
-        if imu is not None:
+        if imu is None:
+            self._imu_sample = self.body.measured_motion(self._imu_height)
+        elif is_seen:
             self._imu_sample = imu.show(end)
+        else:
+            imu.pass_over(end)
 
     def _advance_substep(self, steps: int) -> None:
         """Move motors, body, battery and encoders on, 1 to `MOST_STEPS` steps at a time."""

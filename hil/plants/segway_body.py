@@ -43,6 +43,8 @@ _TOUCH: Final = 1.0e-9
 _IMPACT_STEP: Final = 0.001
 """How exactly the moment of an impact is found, s."""
 
+BodyState = tuple[float, float, float, float, float, float, float, float]
+"""v, q, w, their accelerations, pitch, and the slope of the ground."""
 _Step = tuple[float, float, float, float, float, float]
 """v, q, w and pitch at its end, and what way and heading gained."""
 
@@ -122,16 +124,21 @@ class SegwayBody:
         rolling, steer = self.dv * self.per_radius - self.dq, self._lever * self.dw
         return rolling - steer, rolling + steer
 
-    def measured_motion(self, height: float) -> Sequence[float]:
+    @property
+    def state(self) -> BodyState:
+        """What `measured_motion` follows from, as it is now."""
+        return self.v, self.q, self.w, self.dv, self.dq, self.dw, self.pitch, self.slope
+
+    def measured_motion(self, height: float, state: BodyState | None = None) -> Sequence[float]:
         """What a perfect IMU shows `height` m above the axle, in its axes: rates (rad/s), then specific forces (m/s2).
 
-        The axle's middle accelerates by dv ahead and v w to the left. The point on the body's axis at height h adds, in
-        the axes of the body, h (dq - w^2 sin cos) ahead, h (dw sin + 2 w q cos) to the left, and -h (q^2 + w^2 sin^2)
-        along the axis, with sin and cos of the lean; gravity's reaction adds -g sin(pitch) ahead and g cos(pitch) along
-        the axis.
+        Now, or in an earlier state. The axle's middle accelerates by dv ahead and v w to the left. The point on the
+        body's axis at height h adds, in the axes of the body, h (dq - w^2 sin cos) ahead, h (dw sin + 2 w q cos) to the
+        left, and -h (q^2 + w^2 sin^2) along the axis, with sin and cos of the lean; gravity's reaction adds
+        -g sin(pitch) ahead and g cos(pitch) along the axis.
         """
-        v, q, w, dv, dq, dw, pitch = self.v, self.q, self.w, self.dv, self.dq, self.dw, self.pitch
-        gravity, lean = self._p.gravity, pitch + self.slope
+        v, q, w, dv, dq, dw, pitch, slope = self.state if state is None else state
+        gravity, lean = self._p.gravity, pitch + slope
         sin, cos = math.sin(lean), math.cos(lean)
         sideways = w * sin
         return (
@@ -147,30 +154,28 @@ class SegwayBody:
         self, v: float, q: float, w: float, pitch: float, left: float, right: float
     ) -> tuple[float, float, float]:
         """The equations of motion at wheel torques (N m), friction taken off here."""
-        p = self._p
-        lean = pitch + self.slope
+        per_radius, _, viscous, coulomb, per_speed, moment, weight, mass, inertia, yaw_inertia, excess = self._plain
+        lean, half_track, push = pitch + self.slope, self.half_track, self._push
         sin, cos = math.sin(lean), math.cos(lean)
-        steer = self.half_track * w
-        speed_left, speed_right = (v - steer) * self.per_radius - q, (v + steer) * self.per_radius - q
-        viscous, coulomb, per_speed = p.viscous_friction, p.coulomb_friction, self._per_coulomb_speed
+        steer = half_track * w
+        speed_left, speed_right = (v - steer) * per_radius - q, (v + steer) * per_radius - q
         left -= viscous * speed_left + coulomb * math.tanh(speed_left * per_speed)
         right -= viscous * speed_right + coulomb * math.tanh(speed_right * per_speed)
-        both, ml_sin, ml_cos = left + right, self._moment * sin, self._moment * cos
-        excess_sin, push = self._yaw_excess * sin, self._push
-        ahead = ml_sin * (q * q + w * w) + both * self.per_radius
-        ahead += push * self._cos_slope - self._weight_share * p.gravity * self._sin_slope
-        turning = excess_sin * cos * w * w + self._moment * p.gravity * math.sin(pitch) - both
+        both, ml_sin, ml_cos = left + right, moment * sin, moment * cos
+        excess_sin = excess * sin
+        ahead = ml_sin * (q * q + w * w) + both * per_radius
+        ahead += push * self._cos_slope - self._weight_share * self._p.gravity * self._sin_slope
+        turning = excess_sin * cos * w * w + weight * math.sin(pitch) - both
         if push:
             turning += push * self._centre * math.cos(pitch)
-        yaw = (right - left) * self.half_track * self.per_radius - w * (2.0 * excess_sin * cos * q + ml_sin * v)
-        dw = yaw / (self._yaw_inertia + excess_sin * sin)
+        yaw = (right - left) * half_track * per_radius - w * (2.0 * excess_sin * cos * q + ml_sin * v)
+        dw = yaw / (yaw_inertia + excess_sin * sin)
         if self._rests:
-            return ahead / self._mass, 0.0, dw
-        inertia = self._pitch_inertia
-        per_determinant = 1.0 / (self._mass * inertia - ml_cos * ml_cos)
+            return ahead / mass, 0.0, dw
+        per_determinant = 1.0 / (mass * inertia - ml_cos * ml_cos)
         return (
             (inertia * ahead - ml_cos * turning) * per_determinant,
-            (self._mass * turning - ml_cos * ahead) * per_determinant,
+            (mass * turning - ml_cos * ahead) * per_determinant,
             dw,
         )
 

@@ -13,15 +13,16 @@ gives the most that it can.
 The IMU's errors are those of a MEMS, per axis: measured = (1 + scale) true + bias + noise. Scale and bias are drawn
 once, normally distributed; noise is drawn anew for each sample, its density being spread over half the rate of the
 plant's steps, though no further than `BANDWIDTH`. It is white, so samples that nobody asks for need not be drawn: the
-others are distributed as ever. All come from one seed: the same seed, asked at the same times, gives the same run.
+others are distributed as ever. All come from one seed: the same seed, asked at the same times, gives the same run, also
+where nobody looks at what is asked for (`Imu.pass_over`).
 """
 
 import math
 import random
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from segway_ecc.node.models.segway_parameters import SegwayParameters
 
@@ -31,6 +32,8 @@ MOST_STEPS: Final = 3
 BANDWIDTH: Final = 100.0
 """Of the IMU's filter, Hz."""
 _AXES: Final = 3
+_BITS_DRAWN: Final = 2 * _AXES * 64
+"""Of the generator, for the noise of one sample: `random()` takes two words of 32 bits (Lib/random.py of CPython)."""
 _TURN: Final = 2.0 * math.pi
 
 
@@ -219,8 +222,19 @@ _BETWEEN: Final = [_between(steps) for steps in range(MOST_STEPS + 1)]
 class Imu:
     """Adds an IMU's errors and latency, `delay` whole steps, to what a perfect one shows."""
 
-    def __init__(self, errors: ImuErrors, step: float, seed: int, first: Sequence[float]) -> None:
-        """Switch it on at step 0: it draws its errors from `seed`, and shows `first` until samples arrive."""
+    def __init__(
+        self,
+        errors: ImuErrors,
+        step: float,
+        seed: int,
+        first: object,
+        motion_of: Callable[[Any], Sequence[float]] = tuple,
+    ) -> None:
+        """Switch it on at step 0: it draws its errors from `seed`, and shows `first` until samples arrive.
+
+        A sample is what a perfect one shows, or what `motion_of` makes that of, which a sample that nobody sees is not
+        worth.
+        """
         e, self._random = errors, random.Random(seed)  # noqa: S311 - noise that can be had again, no secret
         spread = math.sqrt(min(0.5 / step, BANDWIDTH))
         noise = (*(e.gyro_noise * spread,) * _AXES, *(e.accelerometer_noise * spread,) * _AXES)
@@ -229,22 +243,35 @@ class Imu:
         scales = (*(e.gyro_scale,) * _AXES, *(e.accelerometer_scale,) * _AXES)
         factor = [1.0 + draw(0.0, s) for s in scales]
         axes = list(zip(factor, bias, noise, strict=True))
-        self._errors = [one + other for one, other in zip(axes[::2], axes[1::2], strict=True)]
+        self._errors = [(*one, *other) for one, other in zip(axes[::2], axes[1::2], strict=True)]
         self.delay = round(e.latency / step)
-        self._way: deque[tuple[int, Sequence[float]]] = deque()
-        self._shown = self._distort(first)
+        self._motion_of = motion_of
+        self._way: deque[tuple[int, object]] = deque()
+        self._arrived = first
+        self._undrawn = 1
+        self._shown: Sequence[float] = ()
+        self.show(0)
 
-    def add_sample(self, step: int, motion: Sequence[float]) -> None:
-        """Take a sample of what a perfect one shows at a step, later than those before."""
-        self._way.append((step, motion))
+    def add_sample(self, step: int, sample: object) -> None:
+        """Take a sample at a step, later than those before."""
+        self._way.append((step, sample))
+
+    def pass_over(self, step: int) -> None:
+        """As `show`, where nobody looks: the noise of what would have been shown is drawn, and not worked out."""
+        way, newest = self._way, step - self.delay
+        if way and way[0][0] <= newest:
+            self._undrawn += 1
+            while way and way[0][0] <= newest:
+                self._arrived = way.popleft()[1]
 
     def show(self, step: int) -> Sequence[float]:
         """The newest sample that has arrived by a step."""
-        way, arrived = self._way, None
-        while way and way[0][0] + self.delay <= step:
-            arrived = way.popleft()[1]
-        if arrived is not None:
-            self._shown = self._distort(arrived)
+        self.pass_over(step)
+        if self._undrawn:
+            if self._undrawn > 1:
+                self._random.getrandbits((self._undrawn - 1) * _BITS_DRAWN)
+            self._undrawn = 0
+            self._shown = self._distort(self._motion_of(self._arrived))
         return self._shown
 
     def _distort(self, motion: Sequence[float]) -> Sequence[float]:

@@ -10,6 +10,7 @@ from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.devices.device import advance_of
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.state import Snapshot
@@ -162,16 +163,19 @@ class PacedLink(LinkFront):
         return frames
 
 
-def kernel_ends(clock: Clock, channels: tuple[str, str], bitrate: int) -> tuple[PacedLink, PacedLink]:
+def kernel_ends(clock: Clock, channels: tuple[str, str], can: CanSettings) -> tuple[PacedLink, PacedLink]:
     """The ends of the kernel's own CAN bus for robot and plant, in place of a simulated bus.
 
     Args:
         clock: It stops while a frame is on its way.
         channels: The CAN interfaces of robot and plant: one and the same, or two controllers on one bus.
-        bitrate: In bit/s.
+        can: Its bit rates, and whether it is of CAN FD.
     """
     robot, plant = (
-        PacedLink(make_can_link("socketcan", channel, bitrate, clock.now_ns, clock.wall_ns)) for channel in channels
+        PacedLink(
+            make_can_link("socketcan", channel, can.bitrate, clock.now_ns, clock.wall_ns, fd_bitrate=can.fd_bitrate)
+        )
+        for channel in channels
     )
     robot.other, plant.other = plant, robot
     return robot, plant
@@ -229,7 +233,8 @@ class PlantFront:
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps at once; see `Advancing`."""
-        return list(self._advance(u, steps))
+        y = self._advance(u, steps)
+        return y if isinstance(y, list) else list(y)
 
     def terminate(self) -> None:
         """Run the final section."""

@@ -21,7 +21,7 @@ from typing import Final
 
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.serial_link import Port, open_remedy, open_serial_port
-from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.links.settings import PortSettings
 from segway_ecc.hil.errors import SerialNameError
 from segway_ecc.hil.rig.simulated_bus import NowNs
 
@@ -127,6 +127,11 @@ class SimulatedPort:
         self._check()
         return self._outgoing.queued
 
+    @property
+    def is_there(self) -> bool:
+        """Whether it is plugged in."""
+        return self._is_there
+
     def read(self, size: int, /) -> bytes:
         """Take up to `size` of the bytes that have arrived."""
         count = min(size, self.in_waiting)
@@ -139,7 +144,7 @@ class SimulatedPort:
         self._check()
         return self._outgoing.put(data)
 
-    def open(self, _settings: SerialSettings) -> "SimulatedPort":
+    def open(self, _settings: PortSettings) -> "SimulatedPort":
         """This port with nothing in it, for `SerialLink` to open as often as it has to.
 
         Raises:
@@ -260,7 +265,7 @@ class PtyPort:
 class ServedPort:
     """A real serial port with the device's end of it here; see `Port`. The robot is at the other end of its cable."""
 
-    def __init__(self, settings: SerialSettings) -> None:
+    def __init__(self, settings: PortSettings) -> None:
         """Open the port at its rate, for this program alone.
 
         Raises:
@@ -297,7 +302,7 @@ class ServedPort:
             raise LinkLostError(f"serial port {self._name} is gone: {error}; plug it in, and start again") from error
 
 
-def serve_serial(settings: SerialSettings) -> Port:
+def serve_serial(settings: PortSettings) -> Port:
     """The device's end of the serial line that a robot file names.
 
     A port that is there, or a URL, is opened at its rate: the robot is at the other end of its cable. A path that

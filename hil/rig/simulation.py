@@ -2,19 +2,25 @@
 """The simulation that a robot file describes, and the rigs that run it: in lock step, or in real time."""
 
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol, Self
 
+from segway_ecc.firmware_io.build import can_link, imu_line, make_link, serial_codec
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.links.serial_writer import SerialWriter
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.devices.device import Device
-from segway_ecc.hil.devices.family import simulated_drives, simulated_imu
+from segway_ecc.hil.devices.family import SimulatedDrives, simulated_drives, simulated_imu
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
+from segway_ecc.hil.rig.no_bus import NoBus
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
+from segway_ecc.hil.rig.wired_plant import WiredPlant
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
@@ -27,7 +33,7 @@ WALL_START_NS: Final = 1_700_000_000_000_000_000
 """What the simulated wall clock reads at monotonic time zero."""
 
 
-def hardware_of(file: RobotFile) -> BusSettings:
+def hardware_of(file: RobotFile) -> HardwareSettings:
     """The hardware that is simulated.
 
     Raises:
@@ -44,17 +50,24 @@ def simulated_plant(file: RobotFile) -> Model:
     Raises:
         NoSimulationError: It names none.
         ModelError: The plant cannot be loaded.
+        UnknownNameError: Its wiring names a port that it does not have.
     """
     if file.simulation is None:
         raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
-    return load_model(file.simulation.plant, file.simulation.parameters)
+    plant, wiring = load_model(file.simulation.plant, file.simulation.parameters), file.simulation.wiring
+    return WiredPlant(plant, wiring, file.plant_mixers) if wiring else plant
 
 
-def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> SimulatedRobot:
+def simulated_robot(
+    file: RobotFile, link: Link, port: Port | None = None, imu_port: Port | None = None
+) -> SimulatedRobot:
     """The devices that the robot file describes, with the plant that it names, at the other end of `link` and `port`.
 
+    `imu_port` is the devices' end of an IMU's own serial line.
+
     Raises:
-        NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
+        NoSimulationError: It names no plant, or drives that are not simulated, or has no hardware, or an IMU at a rate
+            that the rig has not.
         PlantMismatchError: The plant does not fit the drives.
         PluginError: Nothing simulates its drives, or its IMU.
     """
@@ -65,15 +78,44 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
         behind.receives_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
     drives, imu = simulated_drives(hardware), hardware.external_imu
     tick_ns = drives.tick_ns
-    devices: list[Device] = [drives.device(hardware, link, port)]
+    devices: list[Device] = [_maker(file, drives)(hardware, link, port)]
     if imu is not None and round(imu.period_s * 1e9) % tick_ns != 0:
         raise NoSimulationError(
             f"the simulated drives tick every {tick_ns * 1e-6:g} ms: make external_imu.period_s, {imu.period_s:g} s, "
             "a multiple of that"
         )
     if imu is not None:
-        devices.append(simulated_imu(imu).device(imu, link))
+        devices.append(simulated_imu(imu).device(imu, link, imu_port))
     return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
+
+
+def _maker(
+    file: RobotFile, drives: SimulatedDrives[Any, Any]
+) -> Callable[[HardwareSettings, Link, Port | None], Device]:
+    """What makes the drives of the release or kind that the robot file names.
+
+    Raises:
+        NoSimulationError: The family has none of that name.
+    """
+    name = None if file.simulation is None else file.simulation.drives
+    if name is None:
+        return drives.device
+    if name not in drives.variants:
+        known = ", ".join(drives.variants) or "none: leave it out"
+        raise NoSimulationError(f"robot '{file.name}': simulation.drives is {name!r:.80}, simulated are {known}")
+    return drives.variants[name]
+
+
+def devices_link(settings: HardwareSettings, clock: Clock) -> Link:
+    """The devices' end, in real time, of the bus that a robot file names; of one that has none, an empty one."""
+    line = settings.line
+    return can_link(line, clock) if isinstance(line, CanSettings) else NoBus()
+
+
+def can_of(settings: HardwareSettings) -> CanSettings:
+    """The bus that a robot file names; of one that has none, one for the rig that stays empty."""
+    line = settings.line
+    return line if isinstance(line, CanSettings) else CanSettings()
 
 
 class RealTimePlant:
@@ -138,20 +180,73 @@ class Source(Protocol):
         """Do what is due now."""
 
 
+class RigEnds(NamedTuple):
+    """Where a node and its devices are joined in lock step.
+
+    Attributes:
+        node: The node's link.
+        devices: The devices' end of the bus; nothing passes there where the robot has a serial line alone.
+        wires: That line; None on a bus.
+        imu_wires: The serial line of an IMU; None where it has none.
+    """
+
+    node: Link
+    devices: Link
+    wires: SimulatedSerial | None
+    imu_wires: SimulatedSerial | None
+
+    @property
+    def imu_port(self) -> Port | None:
+        """The IMU's end of its serial line."""
+        return None if self.imu_wires is None else self.imu_wires.device
+
+    @property
+    def port(self) -> Port | None:
+        """The devices' end of the serial line."""
+        return None if self.wires is None else self.wires.device
+
+
 class LockstepRig:
     """A clock that, whenever the node waits, lets the devices run up to the moment the node waits for.
 
     Its time stops wherever a source is to act.
     """
 
-    def __init__(self, bitrate: int) -> None:
-        """Make a rig with an empty bus at `bitrate` bit/s."""
-        self.bus = SimulatedBus(bitrate, self.now_ns)
+    def __init__(self, bitrate: int, fd_bitrate: int | None = None) -> None:
+        """Make a rig with an empty bus at `bitrate` bit/s, and with CAN FD where its data have a bit rate."""
+        self.bus = SimulatedBus(bitrate, self.now_ns, fd_bitrate)
         self._robot: SimulatedRobot | None = None
         self._observe: Observer | None = None
         self._sources: list[Source] = []
         self._now_ns = 0
         self._next_tick_ns = 0
+
+    @classmethod
+    def of(cls, settings: HardwareSettings) -> Self:
+        """A rig for a robot, whose bus is as fast as the robot file has it."""
+        can = can_of(settings)
+        return cls(can.bitrate, can.fd_bitrate)
+
+    def ends(self, settings: HardwareSettings) -> RigEnds:
+        """The line that a robot file names: the bus, or a serial line of its own in place of one."""
+        imu = imu_line(settings)
+        lines = [
+            line for line in (settings.line, None if imu is None else imu.serial) if isinstance(line, PortSettings)
+        ]
+        wires = {line.port: SimulatedSerial(line.baudrate, self.now_ns) for line in lines}
+        node: Link = self.bus.attach("node")
+        if wires:
+            node = make_link(settings, self, node, lambda line: wires[line.port].host.open(line))
+        own = wires.get(settings.line.port) if isinstance(settings.line, PortSettings) else None
+        return RigEnds(node, self.bus.attach("plant"), own, None if imu is None else wires[imu.serial.port])
+
+    def guard_end(self, settings: HardwareSettings, ends: RigEnds) -> Link:
+        """Where a guard joins that line, beside the node."""
+        line = settings.line
+        if isinstance(line, CanSettings) or ends.wires is None:
+            return self.bus.attach("guard")
+        host = ends.wires.host
+        return SerialWriter(line, serial_codec(settings), self.now_ns, lambda _: host)
 
     def attach(self, robot: SimulatedRobot, observe: Observer | None = None) -> None:
         """Let a simulated robot take part; `observe` is called after each of its ticks."""

@@ -6,6 +6,7 @@ from typing import Final
 from segway_ecc.node.cli.verb import Section, list_verbs
 
 _ROWS: Final = (
+    ("demo", "", "a simulated robot and its base station in the browser: see it, push it, break it", Section.ROBOT),
     ("play", "segway", "a whole simulated robot on this machine, driven with the arrow keys", Section.ROBOT),
     ("plant", "cart-can", "the simulated plant and drives at the other end of a robot's bus", Section.ROBOT),
     ("design", "gains segway", "the controller of a balancing robot", Section.MODEL),

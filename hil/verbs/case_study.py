@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.build import make_link
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.case_study.can import IN_REAL_TIME, ROBOT, LockstepCanSeat, RealTimeCanSeat, run_in_real_time
 from segway_ecc.hil.case_study.seats import (
@@ -157,7 +157,7 @@ def _seats(names: Sequence[str] | None) -> list[Seat]:
 
 
 def _facts(folder: Path, options: argparse.Namespace) -> dict[str, str]:
-    real = options.channel or can_link(hardware_of(load_robot(options.robot)).can, RealClock()).description
+    real = options.channel or make_link(hardware_of(load_robot(options.robot)), RealClock()).description
     lockstep = f"{options.channel or 'simulated'} in lock step"
     bus = {True: f"{real} in real time", False: lockstep, None: f"{lockstep}; {real} in real time"}[options.real_time]
     rclpy = "none"

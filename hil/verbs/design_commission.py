@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", help="the report (default: beside the robot file, where run looks)")
     parser.add_argument("--simulated", action="store_true", help="a simulated robot and person, in lock step")
     parser.add_argument("--error", metavar="NAME", help="with --simulated: wire or mount it wrongly; 'list' names them")
+    parser.add_argument(
+        "--kill", action="store_true", help="with --simulated: run its node too, in real time, and kill that"
+    )
     add_json(parser)
 
 
@@ -64,9 +67,11 @@ def _site(options: argparse.Namespace) -> Workplace:
         if options.error is not None and options.error not in ERRORS:
             raise ConfigurationError(f"--error: there is no '{options.error}'; --error list names them")
         error = None if options.error is None else ERRORS[options.error]
-        return SimulatedSite(robot_file(options), error, lambda line: print(line, file=sys.stderr, flush=True))
-    if options.error is not None:
-        raise ConfigurationError("--error is of a simulated robot: add --simulated")
+        killed = options.robot if options.kill else None
+        return SimulatedSite(robot_file(options), error, lambda line: print(line, file=sys.stderr, flush=True), killed)
+    for name in ("error", "kill"):
+        if getattr(options, name):
+            raise ConfigurationError(f"--{name} is of a simulated robot: add --simulated")
     words = [options.robot]
     for name in ("interface", "channel", "serial"):
         value = getattr(options, name)

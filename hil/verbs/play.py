@@ -17,8 +17,9 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.build import serial_of, takes_serial
 from segway_ecc.firmware_io.clock import RealClock
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.play.channel import LoopEnd, channel
 from segway_ecc.hil.play.stage import FORCE, PlantControls, PlayStage
 from segway_ecc.hil.processes import Command, command
@@ -86,9 +87,9 @@ def _with_lines(options: argparse.Namespace, folder: Path) -> RobotFile:
     hardware = load_robot(options.robot).hardware
     if isinstance(hardware, NoHardwareSection):
         raise ConfigurationError(f"robot '{options.robot}' is all model: play needs one with drives, such as {_ELSE}")
-    if options.interface is None and options.channel is None:
+    if options.interface is None and options.channel is None and isinstance(hardware, BusSettings):
         options.interface, options.channel = "local", f"play_{os.getpid()}"
-    if options.serial is None and "serial" in hardware.__struct_fields__ and serial_of(hardware) is None:
+    if options.serial is None and takes_serial(hardware) and serial_of(hardware) is None:
         options.serial = str(folder / "serial")
     return robot_file(options)
 

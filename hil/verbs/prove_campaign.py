@@ -11,7 +11,8 @@ import msgspec
 
 from segway_ecc.hil.campaign.both_plants import differences, on_both, sampled, table_of, with_contact
 from segway_ecc.hil.campaign.failure_modes import failure_modes
-from segway_ecc.hil.campaign.run import REPLAY, render, run_campaign, runs_of
+from segway_ecc.hil.campaign.page import render
+from segway_ecc.hil.campaign.run import REPLAY, run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioResult, ScenarioRun, load_all, table
 from segway_ecc.hil.floor.contact import lacks_mujoco
 from segway_ecc.hil.progress import show_progress

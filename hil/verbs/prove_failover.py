@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.links.can_interfaces import resolve
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.drill.failover import CAUSES, INTERFACE_DOWN, Failover, FailoverResult
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.cli.options import add_json, add_robot, print_found, robot_file
-from segway_ecc.node.config import NoHardwareSection
 
 _HEAD: Final = (
     ("cause", "seen as", "telemetry", "torque", "off course", "odometry"),
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     file = robot_file(options)
     hardware = file.hardware
     # Only the kernel's own interfaces can be set down.
-    is_kernels = not isinstance(hardware, NoHardwareSection) and (
+    is_kernels = isinstance(hardware, BusSettings) and (
         resolve(hardware.can.interface, hardware.can.channel)[0] == "socketcan"
     )
     causes = options.cause or [cause for cause in CAUSES if is_kernels or cause != INTERFACE_DOWN]

@@ -10,7 +10,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.build import serial_of, takes_serial
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.drill import trial
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trial import FAULTS, DrillFault, DrillOutcome, DrillResult, why_not_down
@@ -66,6 +67,8 @@ def _drill(options: argparse.Namespace, fault: DrillFault, folder: Path) -> Dril
     folder.mkdir()
     channel = options.channel or f"drill_{os.getpid()}_{folder.name}"
     bus = ["--interface", options.interface, "--channel", channel]
+    if not isinstance(load_robot(options.robot).hardware, BusSettings):
+        bus = ["--serial", str(folder / "serial")]
     setup = DrillSetup(options.robot, bus, fault.serial, not options.no_guard, fault.stepped, folder)
     return trial.run(fault, setup)
 
@@ -76,7 +79,7 @@ def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[DrillFau
         raise ConfigurationError(f"robot '{file.name}' is all model: it has no drives to be cut off from")
     if serial_of(file.hardware) is not None:
         raise ConfigurationError(f"robot '{file.name}' names a serial line: take it out, the drill makes its own")
-    can_serial = "serial" in file.hardware.__struct_fields__
+    can_serial = isinstance(file.hardware, BusSettings) and takes_serial(file.hardware)
     no_interface = why_not_down(options.channel or "")
     if options.interface != "socketcan" or options.channel is None:
         no_interface = "it needs a network interface: --interface socketcan --channel vcan0"

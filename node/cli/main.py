@@ -31,7 +31,7 @@ _OPENSSL: Final = "_hashlib"
 _PARAGRAPH: Final = "\n\n"
 _FIRST_STEPS: Final = """Try first:
   segway-ecc case-study            the thesis' tables and figures in each execution environment
-  segway-ecc play segway           a simulated robot that balances, driven with the arrow keys
+  segway-ecc demo                  a simulated robot in the browser, to see, push and break
   segway-ecc model inspect FOLDER  your own model: ports, parameters and states
 All verbs: segway-ecc --help
 """

@@ -21,6 +21,7 @@ import msgspec
 
 from segway_ecc.firmware_io.build import takes_serial, with_port
 from segway_ecc.firmware_io.errors import SegwayEccError
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.real_time import real_time_loop
 from segway_ecc.node.errors import ConfigurationError, ModelFailedError, failure_text
@@ -37,7 +38,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", help=f"a robot file, or one of {', '.join(packaged_robots())}")
     parser.add_argument("--interface", help="python-can interface instead of the robot file's, or auto")
     parser.add_argument("--channel", help="CAN channel instead of the robot file's, or auto")
-    parser.add_argument("--serial", metavar="PORT", help="serial line to fall back on, instead of the robot file's")
+    parser.add_argument("--serial", metavar="PORT", help="serial line instead of the robot file's")
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
@@ -55,8 +56,14 @@ def robot_file(options: argparse.Namespace) -> RobotFile:
         if not takes_serial(hardware):
             raise ConfigurationError(f"--serial: the drives of robot '{file.name}' have no serial line")
         hardware = with_port(hardware, port)
-    can = msgspec.structs.replace(hardware.can, **wanted)
-    return msgspec.structs.replace(file, hardware=msgspec.structs.replace(hardware, can=can))
+    if wanted:
+        if not isinstance(hardware, BusSettings):
+            raise ConfigurationError(
+                f"--{next(iter(wanted))}: robot '{file.name}' is on no CAN bus; name its serial line by --serial"
+            )
+        can = msgspec.structs.replace(hardware.can, **wanted)
+        hardware = msgspec.structs.replace(hardware, can=can)
+    return msgspec.structs.replace(file, hardware=hardware)
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:

@@ -154,8 +154,9 @@ class Cycle:
         watched, period_ns = safety or NOTHING_WATCHED, time_base.period_ns
         self._signal_names = list(hardware.signals)
         commands = list(hardware.commands)
-        self._monitor = SafetyMonitor(watched, self._signal_names, wiring.sensors, period_ns, commands)
-        self._outputs = OutputWatch(watched, wiring.given, commands)
+        names, used = self._signal_names, wiring.sensors
+        self._monitor = SafetyMonitor(watched, names, used, period_ns, commands, wiring.wheels)
+        self._outputs = OutputWatch(watched, wiring.given, commands, len(model.outputs))
         self._limiter = CommandLimiter(hardware.limits, watched.max_command, watched.command_slew, period_ns * 1e-9)
         self._zero = (0.0,) * len(hardware.commands)
         self._commands: Sequence[float] = self._zero
@@ -170,8 +171,8 @@ class Cycle:
         self._supervision = Supervision(station, wiring.set_names, self.arming, period_ns)
         self._posture: PostureControl | None = None
         if watched.posture is not None:
-            names, period_s = wiring.set_names, period_ns * 1e-9
-            self._posture = PostureControl(watched.posture, names, self._monitor, self.arming, period_s)
+            set_names, period_s = wiring.set_names, period_ns * 1e-9
+            self._posture = PostureControl(watched.posture, set_names, self._monitor, self.arming, period_s)
         self._recorded_posture: Posture | None = None
         self._warning: str | None = None
         self._sits_down_first = False
@@ -459,8 +460,9 @@ class Cycle:
 
     def _refuses(self, place: int, value: float) -> bool:
         """Whether a state that a value is wired to does not take it; all of them are left with the old one then."""
-        old = self._set_values[place]
-        return any(self._model.refuses(state, value, old) for state in self._wiring.states_of(place))
+        writes = self._wiring.writes_of(place, value)
+        before = self._wiring.writes_of(place, self._set_values[place])
+        return any(self._model.refuses(state, new, old) for (state, new), (_, old) in zip(writes, before, strict=True))
 
     def _faults(self, sensors: Sensors) -> list[str]:
         """What is wrong. What was never measured is awaited until the drives are ready: some measure only then."""
@@ -558,7 +560,8 @@ class Cycle:
         if bad is not None:
             self.arming.fail(f"output '{self._model.model.outputs[bad].name}' of the model is not finite")
         else:
-            fault = self._outputs.look(self._y, self._monitor.elapsed_s, is_active=reaches_motors)
+            given = self._wiring.with_sums(self._y)
+            fault = self._outputs.look(given, self._monitor.elapsed_s, is_active=reaches_motors)
             if fault is not None and is_active:
                 self.arming.fail(fault)
         commands: Sequence[float] = self._zero

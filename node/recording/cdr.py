@@ -194,10 +194,15 @@ def odometry(stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose, twis
     )
 
 
-def joint_state(
-    stamp_ns: int, frame_id: str, names: tuple[str, ...], positions: Sequence[float], velocities: Sequence[float]
+def joint_state(  # noqa: PLR0913, PLR0917 - the fields of the message, in their order
+    stamp_ns: int,
+    frame_id: str,
+    names: tuple[str, ...],
+    positions: Sequence[float],
+    velocities: Sequence[float],
+    efforts: Sequence[float] = (),
 ) -> bytes:
-    """Returns a sensor_msgs/JointState without efforts.
+    """Returns a sensor_msgs/JointState.
 
     Args:
         stamp_ns: Time in ns.
@@ -205,10 +210,12 @@ def joint_state(
         names: One name per joint.
         positions: rad or m, one per joint; empty if not measured.
         velocities: rad/s or m/s, one per joint; empty if not measured.
+        efforts: N m or N, one per joint; empty if not measured.
     """
-    counts = (len(positions), len(velocities))
-    layout, prefix = _joint_layout(frame_id, names, *counts)
-    return layout.pack(_ENCAPSULATION, *split_stamp(stamp_ns), prefix, counts[0], *positions, counts[1], *velocities, 0)
+    counts = (len(positions), len(velocities), len(efforts))
+    layout, prefix = _joint_layout(frame_id, names, counts)
+    head = (_ENCAPSULATION, *split_stamp(stamp_ns), prefix)
+    return layout.pack(*head, counts[0], *positions, counts[1], *velocities, counts[2], *efforts)
 
 
 def imu(stamp_ns: int, frame_id: str, angular_velocity: Vector, linear_acceleration: Vector) -> bytes:
@@ -305,9 +312,7 @@ def _stamped_layout(texts: tuple[str, ...], doubles: int) -> tuple[struct.Struct
 
 
 @lru_cache(maxsize=_LAYOUTS_KEPT)
-def _joint_layout(
-    frame_id: str, names: tuple[str, ...], positions: int, velocities: int
-) -> tuple[struct.Struct, bytes]:
+def _joint_layout(frame_id: str, names: tuple[str, ...], counts: tuple[int, ...]) -> tuple[struct.Struct, bytes]:
     body = bytearray(_STAMP.size)
     _put_text(body, frame_id)
     _put_count(body, len(names))
@@ -317,12 +322,12 @@ def _joint_layout(
     prefix = bytes(body[_STAMP.size :])
     layout = f"<4siI{len(prefix)}s"
     offset = len(body)
-    for count in (positions, velocities):
+    for count in counts:
         # Alignment belongs to the elements, so an empty sequence has none after its count.
         padding = -(offset + 4) % 8 if count else 0
         layout += f"I{padding}x{count}d"
         offset += 4 + padding + 8 * count
-    return struct.Struct(layout + "I"), prefix
+    return struct.Struct(layout), prefix
 
 
 def _align(body: bytearray, size: int) -> None:

@@ -9,9 +9,9 @@ from typing import Final
 import msgspec
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.node.cycle.signals import IMU_SIGNALS, ODOMETRY_SIGNALS, effort_signals, joint_signals
 from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from segway_ecc.node.recording.cdr import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA, STATE, STATE_SCHEMA
 from segway_ecc.node.recording.codec import CycleCodec, state_message
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
@@ -69,7 +69,8 @@ class CycleLog(McapLog):
             self.attach(name, "text/plain", text.encode(), COPIES)
         published = {signal: index for index, signal in enumerate(layout.published)}
         self._odometry = _indices(published, ODOMETRY_SIGNALS)
-        self._joints = _indices(published, JOINT_SIGNALS)
+        self._joints = _indices(published, joint_signals(layout.published))
+        self._efforts = _indices(published, effort_signals(layout.published)) or ()
         self._imu = _indices(published, IMU_SIGNALS)
         self._imu_frame = layout.imu_frame
 
@@ -89,9 +90,12 @@ class CycleLog(McapLog):
         if self._odometry is not None:
             self.odometry("/odom", stamp_ns, *(published[index] for index in self._odometry))
         if self._joints is not None:
-            left, right, left_velocity, right_velocity = measured = [published[index] for index in self._joints]
+            measured, count = [published[index] for index in self._joints], len(self._joints) // 2
             if all(map(math.isfinite, measured)):
-                self.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
+                efforts = [published[index] for index in self._efforts]
+                if not all(map(math.isfinite, efforts)):
+                    efforts = []
+                self.joint_state("/joint_states", stamp_ns, measured[:count], measured[count:], efforts)
         if self._imu is not None:
             wx, wy, wz, ax, ay, az = measured = [published[index] for index in self._imu]
             if all(map(math.isfinite, measured)):

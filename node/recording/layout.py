@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
+from segway_ecc.node.cycle.signals import joint_signals
+
 if TYPE_CHECKING:  # the process that writes needs no robot
     from segway_ecc.node.robot import Robot
 
@@ -40,7 +42,7 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
         odometry_frame: Frame of the pose.
         base_frame: Frame of the velocities.
         imu_frame: Frame of the IMU's values.
-        joints: The left wheel's joint and the right one's.
+        joints: What ROS calls the joints that are published.
         period_ns: Of the loop, ns.
     """
 
@@ -54,7 +56,7 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
     odometry_frame: str
     base_frame: str
     imu_frame: str
-    joints: tuple[str, str]
+    joints: tuple[str, ...]
     period_ns: int = 0
 
 
@@ -115,7 +117,7 @@ def layout_of(robot: "Robot") -> CycleLayout:
         odometry_frame=ros.odometry_frame,
         base_frame=ros.base_frame,
         imu_frame=ros.imu_frame,
-        joints=(ros.left_joint, ros.right_joint),
+        joints=tuple(ros.joint_names(joint_signals(robot.wiring.published))),
         period_ns=robot.period_ns,
     )
 

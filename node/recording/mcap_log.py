@@ -130,19 +130,27 @@ class McapLog:
         data = cdr.odometry(stamp_ns, self._frame_id, self._child_frame_id, pose, twist)
         self.add(topic, cdr.ODOMETRY, stamp_ns, data)
 
-    def joint_state(self, topic: str, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]) -> None:
-        """Logs a sensor_msgs/JointState: rad and rad/s, each one per joint name, or empty if not measured.
+    def joint_state(
+        self,
+        topic: str,
+        stamp_ns: int,
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        efforts: Sequence[float] = (),
+    ) -> None:
+        """Logs a sensor_msgs/JointState: rad, rad/s and N m, each one per joint name, or empty if not measured.
 
         Raises:
             RecordingError: If the number of values differs from the number of joint names.
         """
         names = self._joint_names
-        if not {len(positions), len(velocities)} <= {0, len(names)}:
+        if not {len(positions), len(velocities), len(efforts)} <= {0, len(names)}:
             raise RecordingError(
                 f"Topic {topic} in {self._where} got {len(positions)} positions and {len(velocities)} velocities for "
-                f"{len(names)} joints: pass one value per name in joint_names, or none."
+                f"{len(names)} joints, and {len(efforts)} efforts: pass one value per name in joint_names, or none."
             )
-        self.add(topic, cdr.JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
+        data = cdr.joint_state(stamp_ns, "", names, positions, velocities, efforts)
+        self.add(topic, cdr.JOINT_STATE, stamp_ns, data)
 
     def imu(
         self, topic: str, stamp_ns: int, frame_id: str, angular_velocity: cdr.Vector, linear_acceleration: cdr.Vector

@@ -5,12 +5,13 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import can
 
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.can_interfaces import check_socketcan, resolve
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.node.errors import RecordingError
 
 _WAIT_S: Final = 0.1
@@ -72,11 +73,11 @@ class CandumpLog:
             raise RecordingError(f"cannot write {self._path}: {error.strerror}; choose another --out") from error
 
 
-def listen(settings: tuple[str, str, int], log: CandumpLog, is_over: Callable[[], bool]) -> None:
+def listen(settings: CanSettings, log: CandumpLog, is_over: Callable[[], bool]) -> None:
     """Write what passes on a bus, from a socket of our own; nothing is ever sent.
 
     Args:
-        settings: Interface, channel and bit rate (bit/s) as in a robot file.
+        settings: Of the bus, as in a robot file.
         log: Where it goes.
         is_over: Asked ten times a second at least.
 
@@ -84,11 +85,14 @@ def listen(settings: tuple[str, str, int], log: CandumpLog, is_over: Callable[[]
         BusNotFoundError: The bus is not there, or belongs to one program alone.
         RecordingError: The disk refuses.
     """
-    interface, channel = resolve(*settings[:2])
+    interface, channel = resolve(settings.interface, settings.channel)
     if interface == "socketcan":
-        check_socketcan(channel, settings[2])
+        check_socketcan(channel, settings.bitrate, settings.fd_bitrate)
+    options: dict[str, Any] = {}
+    if settings.fd_bitrate is not None:
+        options = {"fd": True, "data_bitrate": settings.fd_bitrate}
     try:
-        bus = can.Bus(interface=interface, channel=channel, bitrate=settings[2])
+        bus = can.Bus(interface=interface, channel=channel, bitrate=settings.bitrate, **options)
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise BusNotFoundError(f"cannot listen on CAN bus {interface} {channel}: {error}") from error
     with bus:

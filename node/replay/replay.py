@@ -256,7 +256,7 @@ class _Player:
         self._recorded, self.keeper = RecordedRobot(self._run.layout), _Keeper()
         self._recorded.pass_to(record)
         declared = declared_variables(self._model, section.ranges, section.tunable_while_armed)
-        wiring = wire(self._model, self._recorded, self._file.wiring, declared)
+        wiring = wire(self._model, self._recorded, self._file.wiring, declared, self._file.controller_mixers)
         robot = Robot(self._file, self._model, self._recorded, wiring, self._recorded)
         self._cycle = robot.cycle(self._recorded, self.keeper)
 

@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX, state_text
+from segway_ecc.node.cycle.signals import IMU_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL, effort_signals, joint_signals
 from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.cycle.trajectory import TrajectoryState, TrajectoryStatus
-from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from segway_ecc.node.ros.messages import NS_PER_S, STAMP, RosObject, Template, message_type, set_stamp
 from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.trajectories import STATUS_DEPTH, STATUS_TOPIC, STATUS_TYPE
@@ -114,16 +114,13 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     ]
     odometry, joints, imu = (
         [index[signal] for signal in group] if all(signal in index for signal in group) else None
-        for group in (ODOMETRY_SIGNALS, JOINT_SIGNALS, IMU_SIGNALS)
+        for group in (ODOMETRY_SIGNALS, joint_signals(signals), IMU_SIGNALS)
     )
     if odometry is not None:
         publishers += _odometry(node, ros, odometry)
     if joints is not None:
-        message = message_type("sensor_msgs/msg/JointState")(
-            name=[ros.left_joint, ros.right_joint], position=[0.0, 0.0], velocity=[0.0, 0.0]
-        )
-        numbers = ["position.0", "position.1", "velocity.0", "velocity.1"]
-        publishers.append(_measured(node, "joint_states", message, numbers, joints))
+        names = ros.joint_names(joint_signals(signals))
+        publishers.append(_joints(node, names, joints, [index[signal] for signal in effort_signals(signals)]))
     if imu is not None:
         message = message_type("sensor_msgs/msg/Imu")()
         message.header.frame_id = ros.imu_frame
@@ -181,6 +178,27 @@ def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> list[
         publisher.publish(template.filled(*stamp, x, y, math.sin(half), math.cos(half), linear, angular))
 
     return [Topic(point_publisher, publish_position), Topic(publisher, publish)]
+
+
+def _joints(node: RosObject, names: Sequence[str], joints: Sequence[int], efforts: Sequence[int]) -> Topic:
+    """Publishes angles and velocities while all of them are measured, and torques while these are too."""
+    kind, zeros = message_type("sensor_msgs/msg/JointState"), [0.0] * len(names)
+    publisher = node.create_publisher(kind, "joint_states", _DEPTH)
+    numbers = [f"{what}.{place}" for what in ("position", "velocity", "effort") for place in range(len(names))]
+    without = _stamped(kind(name=names, position=zeros, velocity=zeros), *numbers[: len(joints)])
+    template = _stamped(kind(name=names, position=zeros, velocity=zeros, effort=zeros), *numbers) if efforts else None
+
+    def publish(report: Report) -> None:
+        measured, torques = [report.values[index] for index in joints], [report.values[index] for index in efforts]
+        if not all(map(math.isfinite, measured)):
+            return
+        stamp = divmod(report.stamp_ns, NS_PER_S)
+        if template is not None and all(map(math.isfinite, torques)):
+            publisher.publish(template.filled(*stamp, *measured, *torques))
+        else:
+            publisher.publish(without.filled(*stamp, *measured))
+
+    return Topic(publisher, publish)
 
 
 def _measured(node: RosObject, topic: str, message: RosObject, numbers: Sequence[str], indices: Sequence[int]) -> Topic:

@@ -24,9 +24,11 @@ from segway_ecc.node.safety.settings import ChecklistSettings, SafetySettings
 from segway_ecc.node.safety.tilt import StillWatch, TiltWatch
 
 _SIDES: Final = ("left", "right")
+TWO_WHEELS: Final = (_SIDES,)
+"""The wheels of a robot whose file does not name them: the left and the right one of each pair."""
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
 _IMU: Final = (*_GYRO, *(f"imu.linear_acceleration_{axis}" for axis in "xyz"))
-_VELOCITIES: Final = tuple(f"{side}.velocity" for side in _SIDES)
+_VELOCITY: Final = ".velocity"
 _SUPPLY: Final = "supply.voltage"
 
 
@@ -38,23 +40,28 @@ class SafetyMonitor:
     robot that has a posture. `residual` compares its acceleration with what was designed, where that is watched.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913, PLR0917 - what a robot measures, is made of and may do
         self,
         settings: SafetySettings,
         signals: Sequence[str],
         used: Sequence[int],
         period_ns: int,
         sends: Sequence[str] = (),
+        wheels: Sequence[tuple[str, str]] = TWO_WHEELS,
     ) -> None:
         """Watch a robot that measures `signals`, of whose places its model has `used`, and has this period, ns.
+
+        It commands what it `sends`, and drives on `wheels`: a left and a right axis for each pair.
 
         Raises:
             ConfigurationError: A check needs a signal that the robot does not measure, or a command it does not send.
         """
         self._settings = settings
         self._signals = {name: index for index, name in enumerate(signals)}
+        self._axes = [name.removesuffix(_VELOCITY) for name in signals if name.endswith(_VELOCITY)]
+        self._pairs = wheels
         has_imu = all(name in self._signals for name in _IMU)
-        self._wheels = [self._signals[name] for name in _VELOCITIES if name in self._signals]
+        self._wheels = [self._signals[name] for name in signals if name.endswith(_VELOCITY)]
         self._supply = self._signals.get(_SUPPLY)
         self._imu: tuple[int, ...] = tuple(self._signals[name] for name in _IMU) if has_imu else ()
         self._period_ns = period_ns
@@ -192,53 +199,66 @@ class SafetyMonitor:
         settings = self._settings.gravity
         if settings is None:
             return None
-        left, right, gyro, x, z = self._places("gravity", (*_VELOCITIES, _IMU[1], _IMU[3], _IMU[5]))
+        left, right, gyro, x, z = self._places("gravity", (*self._of_wheels[0], _IMU[1], _IMU[3], _IMU[5]))
         return GravityCheck((left, right), (gyro, x, z), settings, self._period_s)
 
     def _make_residual(self, commands: Sequence[str]) -> ResidualMonitor | None:
         settings = self._settings.residual
         if settings is None:
             return None
-        left, right, gyro, x = self._places("residual", (*_VELOCITIES, _IMU[1], _IMU[3]))
+        left, right, gyro, x = self._places("residual", (*self._of_wheels[0], _IMU[1], _IMU[3]))
         sent = command_places(settings, commands if self._settings.posture else ())
         return ResidualMonitor((left, right), (gyro, x), sent, settings, self._period_s)
+
+    @property
+    def _of_wheels(self) -> list[tuple[str, str]]:
+        """The velocities of each pair of wheels."""
+        return [(f"{left}{_VELOCITY}", f"{right}{_VELOCITY}") for left, right in self._pairs]
 
     def _make_checks(self) -> Iterator[Check]:
         settings, period_s = self._settings, self._period_s
         yield from (check for check in (self._tilt, self._gravity) if check is not None)
-        limit, supply = settings.wheel_velocity_limit, settings.supply
+        yield from self._make_ranges()
+        yield from self._make_frozen()
         yaw, velocity, following = settings.yaw_consistency, settings.velocity_consistency, settings.following_error
+        if yaw is not None:
+            for pair in self._of_wheels:
+                left, right, gyro = self._places("yaw_consistency", (*pair, _GYRO[2]))
+                yield YawAgreement(left, right, gyro, yaw, period_s)
+        if velocity is not None:
+            for axis in self._axes or _SIDES:
+                angle, speed = self._places("velocity_consistency", (f"{axis}.angle", f"{axis}{_VELOCITY}"))
+                yield VelocityAgreement(axis, angle, speed, velocity, period_s)
+        for pair in self._of_wheels:
+            if following is not None:
+                left, right = self._places("following_error", pair)
+                yield FollowingError(left, right, following, period_s)
+            if settings.runaway is not None:
+                left, right = self._places("runaway", pair)
+                yield Runaway(left, right, settings.runaway, period_s)
+
+    def _make_ranges(self) -> Iterator[Check]:
+        limit, supply = self._settings.wheel_velocity_limit, self._settings.supply
         if limit is not None:
-            for name in _VELOCITIES:
+            for name in [f"{axis}{_VELOCITY}" for axis in self._axes or _SIDES]:
                 yield RangeCheck(name, self._place("wheel_velocity_limit", name), -limit, limit, "rad/s")
+        for axis, joint in (self._settings.joint_limits or {}).items():
+            name = f"{axis}.angle"
+            yield RangeCheck(name, self._place(f"joint_limits.{axis}", name), joint.min_rad, joint.max_rad, "rad")
         if supply is not None:
             yield RangeCheck(_SUPPLY, self._place("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
-        yield from self._make_frozen()
-        if yaw is not None:
-            left, right, gyro = self._places("yaw_consistency", (*_VELOCITIES, _GYRO[2]))
-            yield YawAgreement(left, right, gyro, yaw, period_s)
-        if velocity is not None:
-            for side in _SIDES:
-                angle, speed = self._places("velocity_consistency", (f"{side}.angle", f"{side}.velocity"))
-                yield VelocityAgreement(side, angle, speed, velocity, period_s)
-        if following is not None:
-            left, right = self._places("following_error", _VELOCITIES)
-            yield FollowingError(left, right, following, period_s)
-        if settings.runaway is not None:
-            left, right = self._places("runaway", _VELOCITIES)
-            yield Runaway(left, right, settings.runaway, period_s)
 
     def _make_frozen(self) -> Iterator[Check]:
         if self._settings.frozen_after_s is None:
             return
         periods = periods_in(self._settings.frozen_after_s, self._period_s)
         has = self._signals
-        for side in _SIDES:
-            names = (f"{side}.angle", f"{side}.velocity")
-            if all(name in has for name in names):
-                yield Frozen(f"the {side} encoder", [has[name] for name in names], periods, [has[names[1]]])
+        for axis in self._axes:
+            names = (f"{axis}.angle", f"{axis}{_VELOCITY}")
+            if names[0] in has:
+                yield Frozen(f"the {axis} encoder", [has[name] for name in names], periods, [has[names[1]]])
         if self._imu:
-            wheels = None if self._settings.imu_is_noisy else [has[name] for name in _VELOCITIES if name in has]
+            wheels = None if self._settings.imu_is_noisy else self._wheels
             yield Frozen("the IMU", self._imu, periods, wheels)
 
     def _places(self, key: str, names: Iterable[str]) -> tuple[int, ...]:

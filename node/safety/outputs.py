@@ -2,6 +2,7 @@
 """What the model gives, against what the robot can do: values beyond it, a pose that jumps, commands that oscillate."""
 
 import math
+import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
@@ -17,7 +18,7 @@ missing meanwhile, and an estimate catches up at once."""
 
 
 class Given(NamedTuple):
-    """Where among the model's outputs the value of a signal is, and its unit."""
+    """Where among the model's outputs, or among what is computed of them, the value of a signal is, and its unit."""
 
     place: int
     unit: str
@@ -29,8 +30,12 @@ class OutputWatch:
     `fault` is what is wrong with the newest; None where nothing is.
     """
 
-    def __init__(self, settings: SafetySettings, given: Mapping[str, Given], commands: Sequence[str]) -> None:
+    def __init__(
+        self, settings: SafetySettings, given: Mapping[str, Given], commands: Sequence[str], outputs: int
+    ) -> None:
         """Watch the signals that a model gives, those of `commands` for oscillation too.
+
+        Those whose place is not among its `outputs`, so many, are computed of these: they may be beyond all numbers.
 
         Raises:
             UnknownNameError: There is a limit of a signal that the model does not give.
@@ -41,6 +46,11 @@ class OutputWatch:
                 raise UnknownNameError("signal of safety.output_limits that an output of the model gives", name, given)
         self.fault: str | None = None
         self._bounds = [(given[name].place, bound, name) for name, bound in limits.items()]
+        self._bounds += [
+            (each.place, sys.float_info.max, name)
+            for name, each in given.items()
+            if each.place >= outputs and name not in limits
+        ]
         self._given = given
         self._speed = limits.get(_SPEED)
         self._pose = [(name, given[name].place) for name in _POSE if name in given]

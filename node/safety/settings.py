@@ -174,6 +174,18 @@ class PostureSettings(Section, frozen=True, kw_only=True):
             raise ValueError(f"up_rad {self.up_rad:g} is not below down_rad {self.down_rad:g}")
 
 
+class JointLimits(Section, frozen=True, kw_only=True):
+    """Between which angles a joint must be, rad."""
+
+    min_rad: Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+    max_rad: Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+
+    def __post_init__(self) -> None:
+        """Refuse a window that is empty."""
+        if self.min_rad >= self.max_rad:
+            raise ValueError(f"min_rad {self.min_rad:g} is not below max_rad {self.max_rad:g}")
+
+
 class SupplyWindow(Section, frozen=True, kw_only=True):
     """Between which voltages the supply must be, V."""
 
@@ -237,7 +249,8 @@ class SafetySettings(Section, frozen=True, kw_only=True):
     Attributes:
         tilt_limit_rad: Largest tilt from upright, rad.
         tilt_rate_limit: Largest angular velocity across the upright axis, rad/s.
-        wheel_velocity_limit: Fastest that a wheel may turn against the body, rad/s.
+        wheel_velocity_limit: Fastest that a wheel, or another axis, may turn against the body, rad/s.
+        joint_limits: Between which angles an axis must be, by its name.
         frozen_after_s: How long a set of values may repeat bit for bit, s.
         posture: Of a robot that balances; None where it stands by itself.
         imu_is_noisy: Whether an IMU's values never repeat; else they may, while the wheels are at rest.
@@ -252,6 +265,7 @@ class SafetySettings(Section, frozen=True, kw_only=True):
     tilt_limit_rad: Angle | None = None
     tilt_rate_limit: Positive | None = None
     wheel_velocity_limit: Positive | None = None
+    joint_limits: dict[str, JointLimits] | None = None
     frozen_after_s: Span | None = 0.1
     imu_is_noisy: bool = True
     yaw_consistency: YawConsistency | None = None
@@ -270,6 +284,14 @@ class SafetySettings(Section, frozen=True, kw_only=True):
     checklist: ChecklistSettings | None = None
 
 
+SHARED_LENGTHS: Final[dict[str, tuple[str, ...]]] = {
+    "yaw_consistency": ("track", "wheel_radius"),
+    "following_error": ("track", "wheel_radius"),
+    "runaway": ("wheel_radius",),
+    "gravity": ("wheel_radius", "imu_height"),
+    "residual": ("wheel_radius", "imu_height"),
+}
+"""The lengths in each check that are the robot's, and stand in its geometry."""
 NOTHING_WATCHED: Final = SafetySettings(frozen_after_s=None)
 """Of a robot whose file has no such section."""
 

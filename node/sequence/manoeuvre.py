@@ -17,6 +17,7 @@ import msgspec
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.signals import ODOMETRY_SIGNALS
 from segway_ecc.node.cycle.trajectory import (
     MOST_POINTS,
     TimedSetpoint,
@@ -24,7 +25,6 @@ from segway_ecc.node.cycle.trajectory import (
     TrajectoryState,
     TrajectoryStatus,
 )
-from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.modes import ACTIVE

@@ -5,7 +5,7 @@ import argparse
 import gc
 from typing import Final
 
-from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.build import guard_link
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.guard.guard import Guard, describe, stopper_of
 from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Watch
@@ -33,12 +33,11 @@ def run(options: argparse.Namespace) -> int:
     """Guard the robot until stopped."""
     file, clock = robot_file(options), RealClock()
     if isinstance(file.hardware, NoHardwareSection):
-        raise ConfigurationError(f"robot '{file.name}' is on no CAN bus: there is nothing to guard")
+        raise ConfigurationError(f"robot '{file.name}' has no drives: there is nothing to guard")
     if not _LIMITS_S[0] <= options.limit <= _LIMITS_S[1]:
         raise ConfigurationError(f"--limit must be from {_LIMITS_S[0]:g} to {_LIMITS_S[1]:g} s")
-    can = file.hardware.can
     watch = Watch(stopper_of(file.hardware), clock.now_ns(), round(options.limit * 1e9))
-    link, beats = can_link(can, clock), HeartbeatListener(can)
+    link, beats = guard_link(file.hardware, clock), HeartbeatListener(file.hardware.line)
     guard = Guard(link, beats, watch, clock)
     gc.collect()
     gc.freeze()

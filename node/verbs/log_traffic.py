@@ -7,9 +7,9 @@ import time
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_robot, check_seconds, print_found, robot_file, stopped_by_signals
-from segway_ecc.node.config import NoHardwareSection
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.recording.log_quota import MB
 from segway_ecc.node.recording.traffic import CandumpLog, listen
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     if not _SMALLEST_MB <= options.limit <= _LONGEST_S:
         raise ConfigurationError(f"--limit must be {_SMALLEST_MB:g} MB at least")
     file = robot_file(options)
-    if isinstance(file.hardware, NoHardwareSection):
+    if not isinstance(file.hardware, BusSettings):
         raise ConfigurationError(f"robot '{file.name}' is on no CAN bus")
     bus = file.hardware.can
     end_s = None if options.duration is None else time.monotonic() + options.duration
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     with CandumpLog(options.out, round(options.limit * MB)) as log, stopped_by_signals(reasons.append):
         sys.stderr.write(f"segway-ecc: bus traffic: {options.out}\n")
         listen(
-            (bus.interface, bus.channel, bus.bitrate),
+            bus,
             log,
             lambda: bool(reasons) or (end_s is not None and time.monotonic() >= end_s),
         )

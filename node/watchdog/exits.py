@@ -23,10 +23,14 @@ from typing import Final
 _KERNEL: Final = 5, 9
 """The first that reports that nobody is left to ask."""
 _EXIT_GROUPS: Final = {
-    "x86_64": ((0xC000003E, 231), (0x40000003, 252)),
+    "x86_64": ((0xC000003E, 231), (0xC000003E, 0x40000000 | 231), (0x40000003, 252)),
     "aarch64": ((0xC00000B7, 94), (0x40000028, 248)),
 }
-"""AUDIT_ARCH of linux/audit.h and the number of exit_group: for 64 bits, and for 32 bits, as `int 0x80` has it."""
+"""AUDIT_ARCH of linux/audit.h and the number of exit_group, of each ABI that a process may call the kernel by.
+
+Those are 64 bits, on x86-64 also x32 (__X32_SYSCALL_BIT), and 32 bits: i386, as `int 0x80` has it, and EABI
+(arch/arm/tools/syscall.tbl of Linux 6).
+"""
 _SECCOMP: Final = {"x86_64": 317, "aarch64": 277}
 """The number of the system call, for which the C library has no function."""
 _SET_MODE_FILTER: Final = 1
@@ -125,7 +129,7 @@ class Exits:
 
         Nothing is answered where it is not allowed: the process waits until it is ended.
         """
-        if not any(event & select.POLLIN for _, event in self._poll.poll(0)):
+        if not self.is_asked(0.0):
             return True
         notice = bytearray(_NOTICE.size)
         try:
@@ -139,30 +143,65 @@ class Exits:
                 raise
         return True
 
+    def is_asked(self, within_s: float) -> bool:
+        """Whether somebody asks, or does so within this time, s."""
+        return any(event & select.POLLIN for _, event in self._poll.poll(1e3 * within_s))
+
     def answer_to_the_end(self) -> None:
         """Allow all, in a process of its own, which lasts until nobody is left who might ask."""
         if os.fork():
             return
         try:
-            os.closerange(0, self.descriptor)
-            os.closerange(self.descriptor + 1, _MOST_DESCRIPTORS)
+            _close_all_but(self.descriptor)
             while self._poll.poll()[0][1] & select.POLLIN:
                 self.answer(lambda _thread: True)
         finally:
             os._exit(0)
 
+    def answer_until_this_ends(self) -> None:
+        """Allow all, in a process of its own, which lasts as long as this one, that may be among those who ask.
 
-def hand_over_exits(sink: socket.socket) -> None:
+        Such a process is one who might ask, too: it never sees that nobody else is left.
+        """
+        ours = os.pidfd_open(os.getpid())
+        if os.fork():
+            os.close(ours)
+            return
+        try:
+            _close_all_but(self.descriptor, ours)
+            poll = select.poll()
+            poll.register(self.descriptor, select.POLLIN)
+            poll.register(ours, select.POLLIN)
+            while ours not in [place for place, _ in poll.poll()]:
+                self.answer(lambda _thread: True)
+        finally:
+            os._exit(1)  # of which nobody is asked
+
+    def close(self) -> None:
+        """Answer no more."""
+        os.close(self.descriptor)
+
+
+def _close_all_but(*kept: int) -> None:
+    first = 0
+    for descriptor in (*sorted(kept), _MOST_DESCRIPTORS):
+        os.closerange(first, descriptor)
+        first = descriptor + 1
+
+
+def hand_over_exits(sink: socket.socket) -> Exits:
     """Have each end with status 0 asked for from now on, of whoever has the other end of `sink`.
+
+    Returns:
+        The same, for this process to answer should that one end: with nobody there, the kernel fails the call, and the
+        C library then ends the process by SIGSEGV.
 
     Raises:
         OSError: As `ask_before_exit` does.
     """
-    descriptor = ask_before_exit()
-    try:
-        socket.send_fds(sink, [b"\0"], [descriptor])
-    finally:
-        os.close(descriptor)
+    exits = Exits(ask_before_exit())
+    socket.send_fds(sink, [b"\0"], [exits.descriptor])
+    return exits
 
 
 def receive_exits(source: int) -> Exits | None:

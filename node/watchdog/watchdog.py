@@ -12,7 +12,6 @@ import os
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NoReturn
@@ -20,9 +19,10 @@ from typing import TYPE_CHECKING, Final, NoReturn
 from segway_ecc.node.errors import ConfigurationError, ModelError, printable, shortened
 from segway_ecc.node.helper import end_helper, send_messages_to, send_task, start_helper
 from segway_ecc.node.model.model import Model
-from segway_ecc.node.watchdog.exits import hand_over_exits
+from segway_ecc.node.watchdog.exits import Exits, hand_over_exits
 from segway_ecc.node.watchdog.page import Call, CallPage
 from segway_ecc.node.watchdog.process import LONG_NS, WatchTask
+from segway_ecc.node.watchdog.stand_in import StandIn
 from segway_ecc.node.watchdog.watched_model import WatchedModel, watched
 
 if TYPE_CHECKING:
@@ -65,21 +65,21 @@ class _Printed(io.FileIO):
 class ModelWatchdog:
     """The watchdog of the models of this process; see `model_watchdog`."""
 
-    def __init__(self, page: CallPage, process: "subprocess.Popen[bytes]", source: str) -> None:
-        """Record calls in `page`, at which `process` looks; at first the model of this `source` is being loaded."""
+    def __init__(self, page: CallPage, process: "subprocess.Popen[bytes]", stand_in: StandIn) -> None:
+        """Record calls in `page`, at which `process` looks; at first a model is being loaded."""
         self._page = page
         self._process = process
-        self._name = source
+        self._stand_in = stand_in
 
     def load(self, source: str) -> None:
         """The model of this `source` is being loaded, in place of the one before."""
-        self._name = source
+        self._stand_in.name = source
         self._page.enter(Call.LOAD, 0, time.monotonic_ns())
         self._send(WatchTask(source))
 
     def watch(self, model: Model, limit_ns: int = LONG_NS) -> WatchedModel:
         """The same model, watched: what a call may take that a cycle waits for is `limit_ns`."""
-        self._name, names = model.name, tuple(variable.name for variable in model.inputs)
+        self._stand_in.name, names = model.name, tuple(variable.name for variable in model.inputs)
         self._page.leave()
         self._page.resize(len(names))
         self._send(WatchTask(model.name, names, limit_ns))
@@ -91,8 +91,9 @@ class ModelWatchdog:
 
     def end(self) -> None:
         """Nothing is watched any more."""
-        self._send(WatchTask(self._name, is_over=True))
+        self._send(WatchTask(self._stand_in.name, is_over=True))
         end_helper(self._process, _CLOSE_S)
+        self._stand_in.end()
 
 
 @contextlib.contextmanager
@@ -115,12 +116,8 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
         with ours, theirs:
             given = memory, pipe, theirs.fileno()
             process = start_helper(_MODULE, (*map(str, given), name), given)
-            try:
-                hand_over_exits(ours)
-            except OSError as error:
-                _logger.info("a model that ends the process with status 0 gives exit code 0 here: %s", error.strerror)
-        watchdog = ModelWatchdog(page, process, source)
-        threading.Thread(target=_report_end, args=(process,), daemon=True).start()
+            exits = _handed_over(ours)
+        watchdog = ModelWatchdog(page, process, StandIn(process, exits, source))
         try:
             with _captured(printed), _kept_alive():
                 yield watchdog
@@ -131,12 +128,17 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
             os.close(descriptor)
 
 
-def _report_end(process: "subprocess.Popen[bytes]") -> None:
-    if process.wait():
-        _logger.warning(
-            "the watchdog of the model has ended (status %d): a model that does not return is not ended any more",
-            process.returncode,
+def _handed_over(sink: socket.socket) -> Exits | None:
+    """What the watchdog at the other end of `sink` was handed; None where the kernel refuses it, which is reported."""
+    try:
+        return hand_over_exits(sink)
+    except OSError as error:
+        _logger.info(
+            "a model that ends the process with status 0 gives exit code 0 here, and is reported; torque ends by guard "
+            "and drives, as where the node is killed: %s",
+            error.strerror,
         )
+        return None
 
 
 @contextlib.contextmanager

@@ -7,6 +7,8 @@ import pytest
 from segway_ecc.firmware_io.build import (
     build_hardware,
     can_link,
+    guard_link,
+    imu_line,
     make_link,
     serial_codec,
     serial_of,
@@ -16,15 +18,19 @@ from segway_ecc.firmware_io.build import (
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.hoverboard.settings import HoverboardSettings, HoverboardWheelSettings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.imus.icm42688_bridge.settings import Icm42688BridgeSettings
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.links.joined_link import JoinedLink
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
-from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.links.serial_link import Port, SerialLink
+from segway_ecc.firmware_io.links.serial_writer import SerialWriter
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings, SerialSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
@@ -38,15 +44,19 @@ SERIAL = SerialSettings(port="/dev/bench", baudrate=115_200, lost_after_s=0.03, 
 BOARD = WheelBoardSettings(can=CAN, watchdog_s=0.03)
 VESC = VescSettings(
     can=CAN,
-    left=VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
-    right=VescWheelSettings(controller_id=2, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
+    axes={
+        "left": VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
+        "right": VescWheelSettings(controller_id=2, pole_pairs=7, torque_constant=0.1, max_torque=1.0),
+    },
     timeout_set_s=0.03,
     serial=SERIAL,
 )
 CIA402 = Cia402Settings(
     can=CAN,
-    left=Cia402WheelSettings(node_id=1, counts_per_turn=4_096, max_torque=1.0),
-    right=Cia402WheelSettings(node_id=2, counts_per_turn=4_096, max_torque=1.0),
+    axes={
+        "left": Cia402WheelSettings(node_id=1, counts_per_turn=4_096, max_torque=1.0),
+        "right": Cia402WheelSettings(node_id=2, counts_per_turn=4_096, max_torque=1.0),
+    },
 )
 
 
@@ -60,10 +70,10 @@ def test_without_a_serial_line_the_bus_is_the_link() -> None:
 
 
 def test_a_bus_and_a_port_can_be_given_instead_of_those_that_are_named() -> None:
-    asked: list[SerialSettings] = []
+    asked: list[PortSettings] = []
     wires = SimulatedSerial(SERIAL.baudrate, lambda: 0)
 
-    def open_port(settings: SerialSettings) -> Port:
+    def open_port(settings: PortSettings) -> Port:
         asked.append(settings)
         return wires.host
 
@@ -83,7 +93,7 @@ def test_the_bus_that_is_named_is_used_where_none_is_given() -> None:
 
 
 @pytest.mark.parametrize(("settings", "takes"), [(BOARD, True), (VESC, True), (CIA402, False)])
-def test_a_family_has_a_serial_line_whether_one_is_named_or_not(settings: BusSettings, takes: bool) -> None:  # noqa: FBT001 - a parameter of the test
+def test_a_family_has_a_serial_line_whether_one_is_named_or_not(settings: HardwareSettings, takes: bool) -> None:  # noqa: FBT001 - a parameter of the test
     assert takes_serial(settings) is takes
 
 
@@ -108,8 +118,10 @@ def test_drives_without_a_serial_line_are_refused() -> None:
 
 ODRIVE = OdriveSettings(
     can=CAN,
-    left=OdriveWheelSettings(node_id=5, max_torque=1.0),
-    right=OdriveWheelSettings(node_id=6, max_torque=1.0),
+    axes={
+        "left": OdriveWheelSettings(node_id=5, max_torque=1.0),
+        "right": OdriveWheelSettings(node_id=6, max_torque=1.0),
+    },
     encoder_period_s=0.002,
     external_imu=XsensMtiSettings(period_s=0.01),
 )
@@ -129,7 +141,7 @@ MS = 1_000_000
     ],
 )
 def test_telemetry_of_every_family_has_one_sender_at_the_rate_that_is_fixed_or_set(
-    settings: BusSettings, key: FrameKey, period_ms: int
+    settings: HardwareSettings, key: FrameKey, period_ms: int
 ) -> None:
     now_ns = 0
 
@@ -156,3 +168,41 @@ def test_telemetry_of_every_family_has_one_sender_at_the_rate_that_is_fixed_or_s
         )
     assert found[0] == []
     assert f"0x{key.arbitration_id:X} (every {period_ms} ms)" in found[1][0]
+
+
+HOVERBOARD = HoverboardSettings(
+    serial=PortSettings(port="/dev/board"),
+    left=HoverboardWheelSettings(torque_constant=0.25, max_torque=3.0),
+    right=HoverboardWheelSettings(torque_constant=0.25, max_torque=3.0),
+    serial_timeout_cycles=160,
+)
+BRIDGE = Icm42688BridgeSettings(serial=PortSettings(port="/dev/imu", baudrate=460_800))
+
+
+def test_a_serial_line_can_be_the_only_one() -> None:
+    assert HOVERBOARD.line is HOVERBOARD.serial
+    assert serial_of(HOVERBOARD) is None, "it is none to fall back on"
+    link = make_link(HOVERBOARD, RealClock())
+    assert isinstance(link, SerialLink)
+    assert link.description == "serial /dev/board at 115200 bit/s"
+    assert link.is_active
+    assert "held_back" in link.health, "its firmware needs a pause after each packet"
+    assert with_port(HOVERBOARD, "/dev/other").line == PortSettings(port="/dev/other")
+
+
+def test_the_guard_joins_the_line_that_the_drives_are_on() -> None:
+    assert guard_link(BOARD, RealClock()).description == can_link(CAN, RealClock()).description
+    guard = guard_link(HOVERBOARD, RealClock())
+    assert isinstance(guard, SerialWriter)
+    assert guard.description == "serial /dev/board at 115200 bit/s, to write on"
+
+
+def test_an_imu_on_a_line_of_its_own_is_joined_to_the_drives_link() -> None:
+    for settings, main in (
+        (BOARD, can_link(CAN, RealClock()).description),
+        (HOVERBOARD, "serial /dev/board at 115200 bit/s"),
+    ):
+        link = make_link(msgspec.structs.replace(settings, external_imu=BRIDGE), RealClock())
+        assert isinstance(link, JoinedLink)
+        assert link.description == f"{main}; serial /dev/imu at 460800 bit/s"
+    assert imu_line(BOARD) is None

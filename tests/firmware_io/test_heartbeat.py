@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,10 +23,11 @@ from segway_ecc.firmware_io.heartbeat import (
     HeartbeatListener,
     address_of,
     code_of,
+    name_of,
 )
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
 
 CAN = CanSettings(interface="local", channel=f"heartbeat_{os.getpid()}")
 MS = 1_000_000
@@ -367,6 +369,20 @@ def test_each_bus_has_addresses_of_its_own_that_its_name_gives() -> None:
     can0 = CanSettings(interface="socketcan", channel="can0")
     assert address_of(can0) == "\0segway-ecc-guard-90541c4965ee54b0"
     assert address_of(can0, "node") == "\0segway-ecc-node-90541c4965ee54b0"
+
+
+def test_a_serial_line_is_known_by_its_name_and_not_by_what_the_name_leads_to(tmp_path: Path) -> None:
+    """An adapter that is found again has another number under the same name."""
+    (tmp_path / "adapter").symlink_to("/dev/null")
+    (tmp_path / "folder").symlink_to(tmp_path)
+    line = PortSettings(port=str(tmp_path / "adapter"))
+    before = address_of(line)
+    (tmp_path / "adapter").unlink()
+    (tmp_path / "adapter").symlink_to("/dev/zero")
+    assert address_of(line) == before
+    assert address_of(PortSettings(port=str(tmp_path / "folder" / "adapter"), baudrate=9_600)) == before
+    assert address_of(PortSettings(port=str(tmp_path / "other"))) != before
+    assert name_of(PortSettings(port="socket://bench:1")) == "serial socket://bench:1"
 
 
 def test_the_code_is_keyed_blake2s() -> None:

@@ -52,14 +52,15 @@ def test_every_family_of_ours_is_registered_with_its_simulated_drives(group: str
 
 @pytest.mark.parametrize("group", [IMUS, SIMULATED_IMUS])
 def test_every_imu_of_ours_is_registered_with_its_simulated_one(group: str) -> None:
-    assert [point.name for point in entry_points(group)] == ["xsens_mti"]
+    assert sorted(point.name for point in entry_points(group)) == ["icm42688_bridge", "xsens_mti"]
 
 
 def test_an_unknown_drive_family_is_refused_in_a_line_that_lists_what_is_installed() -> None:
     with pytest.raises(ConfigurationError) as caught:
         decode_robot(BASE + "hardware: {type: sail}", "r.yaml")
     assert (
-        str(caught.value) == "r.yaml: there is no drive family 'sail'; installed are cia402, odrive, vesc, wheel_board"
+        str(caught.value) == "r.yaml: there is no drive family 'sail'; installed are "
+        "cia402, hoverboard, moteus, odrive, vesc, wheel_board"
     )
 
 
@@ -71,7 +72,7 @@ def test_a_type_that_is_no_text_is_refused() -> None:
 def test_an_unknown_imu_is_refused_in_a_line_that_lists_what_is_installed() -> None:
     with pytest.raises(ConfigurationError) as caught:
         decode_robot(BASE + "hardware: {type: odrive, external_imu: {type: nose}}", "r.yaml")
-    assert str(caught.value) == "r.yaml: there is no IMU 'nose'; installed are xsens_mti"
+    assert str(caught.value) == "r.yaml: there is no IMU 'nose'; installed are icm42688_bridge, xsens_mti"
 
 
 def test_an_imu_may_be_named_or_left_to_the_default() -> None:
@@ -93,8 +94,8 @@ def test_a_family_of_another_distribution_is_found(installed: Path) -> None:
     install(installed, "other-drive", DRIVES, other="other_drive:FAMILY")
     wheel = "pole_pairs: 7, torque_constant: 0.1, max_torque: 1.0"
     text = (
-        f"hardware: {{type: other, timeout_set_s: 0.03, left: {{controller_id: 1, {wheel}}}, "
-        f"right: {{controller_id: 2, {wheel}}}}}"
+        f"hardware: {{type: other, timeout_set_s: 0.03, axes: {{left: {{controller_id: 1, {wheel}}}, "
+        f"right: {{controller_id: 2, {wheel}}}}}}}"
     )
 
     hardware = hardware_of(decode_robot(BASE + text, "r.yaml"))
@@ -162,7 +163,9 @@ def test_verbs_that_cannot_be_imported_are_named_and_end_no_others(
     assert capsys.readouterr().err == f"segway-ecc: the package of verbs {reason}\n"
 
 
-@pytest.mark.parametrize("robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"])
+@pytest.mark.parametrize(
+    "robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-hoverboard", "cart-moteus"]
+)
 def test_a_robot_is_read_without_the_families_that_it_does_not_have(robot: str) -> None:
     family = {"cart-can": "wheel_board"}.get(robot, robot.removeprefix("cart-"))
     code = (

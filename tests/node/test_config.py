@@ -19,7 +19,10 @@ from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.settings import StationSettings
 from segway_ecc.testing import ScriptedClock
 
-PACKAGED = "the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc, segway, segway-odrive"
+PACKAGED = (
+    "the packaged robots are arm, cart, cart-can, cart-cia402, cart-hoverboard, cart-moteus, cart-odrive, cart-vesc, "
+    "pan-tilt, segway, segway-hoverboard, segway-moteus, segway-odrive, skid-steer"
+)
 BASE = "name: cart\nmodel: {source: 'segway_ecc.node.models.cart:Cart'}\nwiring: {}\n"
 
 
@@ -32,9 +35,10 @@ def refusal(text: str) -> str:
     return message.removeprefix("robot.yaml: ")
 
 
-def test_the_packaged_robots_are_the_cart_and_the_segway_on_the_drive_families() -> None:
-    carts = ["cart", "cart-can", "cart-cia402", "cart-odrive", "cart-vesc"]
-    assert packaged_robots() == [*carts, "segway", "segway-odrive"]
+def test_the_packaged_robots_are_the_cart_and_the_segway_on_the_drive_families_and_one_of_each_kind() -> None:
+    carts = ["cart", "cart-can", "cart-cia402", "cart-hoverboard", "cart-moteus", "cart-odrive", "cart-vesc"]
+    segways = ["segway", "segway-hoverboard", "segway-moteus", "segway-odrive"]
+    assert packaged_robots() == ["arm", *carts, "pan-tilt", *segways, "skid-steer"]
 
 
 @pytest.mark.parametrize("name", packaged_robots())
@@ -43,10 +47,10 @@ def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -
     assert file.name == name
     robot = build_robot(file, ScriptedClock())
     assert robot.period_ns == (5_000_000 if name.startswith("segway") else 10_000_000)
-    assert robot.model.name.startswith(("cart", "segway"))
+    assert robot.model.name.startswith(("cart", "segway", "arm", "pan-tilt", "skid-steer"))
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-hoverboard", "segway-odrive", "segway-moteus"])
 def test_the_packaged_segways_sit_down_without_their_base_station_and_no_cart_does(name: str) -> None:
     sits = StationSettings(timeout_s=1.0, sit_down_after_s=10.0, sit_down={"stand": 0.0}, disarm_after_s=16.0)
     assert load_robot(name).station == sits
@@ -88,8 +92,8 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
     [
         pytest.param(
             BASE + "arm: true",
-            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, hardware, model, "
-            "name, ros, safety, setpoint, simulation, station, wiring",
+            "Object contains unknown field `arm`; the keys there are actuate, arming, commissioned, geometry, "
+            "hardware, mixing, model, name, ros, safety, setpoint, simulation, station, wiring",
             id="unknown key at the top",
         ),
         pytest.param(
@@ -100,7 +104,8 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "hardware: {type: wheel_board, can: {bitrat: 5}}",
-            "Object contains unknown field `bitrat` at hardware.can; the keys there are bitrate, channel, interface",
+            "Object contains unknown field `bitrat` at hardware.can; the keys there are bitrate, channel, "
+            "data_bitrate, fd, interface",
             id="unknown key two levels down",
         ),
         pytest.param(
@@ -110,12 +115,13 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "hardware: {type: sail}",
-            "there is no drive family 'sail'; installed are cia402, odrive, vesc, wheel_board",
+            "there is no drive family 'sail'; installed are cia402, hoverboard, moteus, odrive, vesc, wheel_board",
             id="wrong tag",
         ),
         pytest.param(
             BASE + "hardware: {can: {}}",
-            "Object missing required field `type` at hardware; allowed is cia402, none, odrive, vesc, wheel_board",
+            "Object missing required field `type` at hardware; "
+            "allowed is cia402, hoverboard, moteus, none, odrive, vesc, wheel_board",
             id="no tag",
         ),
         pytest.param(
@@ -166,9 +172,15 @@ def test_a_key_of_other_hardware_is_not_offered() -> None:
     assert "watchdog_s" not in refusal(BASE + "hardware: {type: none, can: {}}").partition("; the keys there are")[2]
 
 
+def test_drives_as_0_1_had_them_are_refused_with_what_to_write() -> None:
+    wheel = "{node_id: 1, max_torque: 1.0}"
+    found = refusal(f"{BASE}hardware: {{type: odrive, left: {wheel}, right: {wheel}}}")
+    assert found.endswith("write hardware.axes.left and hardware.axes.right")
+
+
 def test_the_wrong_port_of_the_wiring_is_named() -> None:
     message = refusal(BASE.replace("{}", "{X: odometry.x, LeftVoltage: 5}"))
-    assert message == "Expected `str`, got `int` at wiring.LeftVoltage; found 5"
+    assert message == "Expected `str | object`, got `int` at wiring.LeftVoltage; found 5"
 
 
 def test_the_wrong_parameter_is_named() -> None:

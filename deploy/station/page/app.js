@@ -15,8 +15,11 @@ import { Overview } from "./overview.js";
 import { whyNoDriving } from "./permissions.js";
 import { Plots } from "./plots.js";
 import { Announcer, RobotList } from "./robots.js";
+import { Scene } from "./scene.js";
 import { Sequence } from "./sequence.js";
 import { Stop } from "./stop.js";
+import { Trials } from "./trials.js";
+import { WayBack } from "./way_back.js";
 
 /** Ages grow while nothing comes, so the page is drawn this often at least, ms. */
 const DRAW_MS = 100;
@@ -40,7 +43,11 @@ const stop = new Stop(commands, now, () => driving.end());
 const login = new LoginForm(() => void start());
 const [plots, sequence, events, announcer] = [new Plots(), new Sequence((why) => commands.fail(why)), new EventLog(), new Announcer()];
 const list = new RobotList(choose);
-const panels = [new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence];
+const scene = new Scene(now);
+const panels = [
+  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, new Trials(commands, now),
+  new WayBack(commands, now),
+];
 
 /** What is known now; every panel draws from it. */
 function now() {
@@ -66,6 +73,7 @@ const receive = {
     // The selection never moves by itself: STOP goes to the robot that the operator looks at.
     selected ||= robots[0]?.robot ?? "";
     plots.add(fields);
+    scene.add(fields);
     announcer.update(robots);
     stop.update(robots);
     driving.check();

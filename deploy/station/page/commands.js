@@ -5,8 +5,9 @@ import { attribute, byId, make, text, visible } from "./dom.js";
 import { whyNoCommand, whyNot } from "./permissions.js";
 import { titleOf } from "./robots.js";
 
-/** The station itself gives up on a robot after 2 s; what takes longer than this was lost on the way, ms. */
+/** The station itself gives up on a robot after 2 s, on a trial after 30 s; what takes longer was lost on the way, ms. */
 const ANSWER_MS = 5000;
+const TRIAL_MS = 35000;
 
 export const LABELS = {
   arm: "Arm",
@@ -19,6 +20,7 @@ export const LABELS = {
   play: "Play",
   break_off: "Break off",
   stop: "Stop",
+  try: "Try",
   cancel_stop: "Take back the stop of",
 };
 const BUTTONS = {
@@ -47,7 +49,8 @@ export class Commands {
     const id = this._connection.send("command", { robot: robot.robot, act, ...fields });
     if (id === null) return false;
     const label = `${LABELS[act]} ${titleOf(robot)}`;
-    const timer = setTimeout(() => this.reply({ id, is_accepted: false, text: "the base station did not answer" }), ANSWER_MS);
+    const unanswered = { id, is_accepted: false, text: "the base station did not answer" };
+    const timer = setTimeout(() => this.reply(unanswered), act === "try" ? TRIAL_MS : ANSWER_MS);
     this._pending.set(id, { act, robot: robot.robot, label, answered, timer });
     this._show(`${label}: requested`, "");
     return true;

@@ -3,7 +3,8 @@
 
 import { attribute, byId, make, text, visible } from "./dom.js";
 import { DASH, degrees, duration, figure, milliseconds } from "./format.js";
-import { modeOf, titleOf } from "./robots.js";
+import { titleOf } from "./robots.js";
+import { nextStep, stateOf } from "./state.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const TICKS_DEGREES = [-40, -30, -20, -10, 0, 10, 20, 30, 40];
@@ -46,13 +47,16 @@ export class Overview {
   }
 
   draw({ robot, since }) {
-    const { word, kind } = modeOf(robot);
+    const { headline, mode, kind } = stateOf(robot);
     text(byId("robot-name"), titleOf(robot));
-    text(byId("mode"), word);
-    text(byId("posture"), robot.posture);
-    visible(byId("posture"), robot.is_alive && robot.posture !== "");
+    text(byId("headline"), headline);
+    visible(byId("headline"), headline !== "");
+    text(byId("mode"), mode);
+    attribute(byId("mode"), "class", headline === "" ? "mode-word" : "mode-under");
     attribute(byId("mode-box"), "data-mode", kind);
     text(byId("reason"), robot.is_alive ? robot.reason : lostReason(robot, since));
+    text(byId("next"), nextStep(robot));
+    visible(byId("next"), nextStep(robot) !== "");
     for (const { value, format } of this._values) text(value, format(robot, since));
     this._lean(robot);
   }

@@ -3,14 +3,7 @@
 
 import { attribute, byId, keep, make, text, visible } from "./dom.js";
 import { duration } from "./format.js";
-
-/** What is shown of a robot's mode: a class for the colour, and the word. */
-export function modeOf(robot) {
-  if (!robot.is_alive) return { word: "LOST", kind: "lost" };
-  const word = robot.mode || "UNKNOWN";
-  const kind = { DISARMED: "disarmed", ARMED: "armed", HOLD: "hold", FAULT: "fault" }[word];
-  return { word, kind: kind ?? "unknown" };
-}
+import { stateOf, wordOf } from "./state.js";
 
 /** What the operator calls it. */
 export const titleOf = (robot) => robot.name || robot.robot;
@@ -53,10 +46,9 @@ export class RobotList {
     const rows = keep(byId("robots"), this._rows, names, (name) => row(name, this._choose));
     robots.forEach((robot, index) => {
       const { button, title, mode, age } = rows[index];
-      const { word, kind } = modeOf(robot);
       text(title, titleOf(robot));
-      text(mode, word);
-      attribute(mode, "data-mode", kind);
+      text(mode, wordOf(robot));
+      attribute(mode, "data-mode", stateOf(robot).kind);
       text(age, note(robot, since));
       attribute(button, "aria-current", robot === selected ? "true" : null);
     });
@@ -74,11 +66,11 @@ export class Announcer {
 
   update(robots) {
     for (const robot of robots) {
-      const { word } = modeOf(robot);
+      const word = wordOf(robot);
       const before = this._announced.get(robot.robot);
       this._announced.set(robot.robot, word);
       if (before === undefined || before === word) continue;
-      const isAlarm = word === "LOST" || word === "FAULT";
+      const isAlarm = ["LOST", "FAULT", "FALLEN"].includes(word);
       const reason = word === "LOST" ? "no messages from it" : robot.reason;
       text(byId(isAlarm ? "alarm" : "announcer"), `${titleOf(robot)}: ${word}, ${reason}`);
     }

@@ -3,14 +3,14 @@
 
 import enum
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import msgspec
 from aiohttp import web
 
 from segway_ecc.deploy.station.requests import Reply
-from segway_ecc.deploy.station.views import Command, Drive, FleetStatus
+from segway_ecc.deploy.station.views import Command, Drive, FleetStatus, TrialView
 from segway_ecc.deploy.station.web.audit import AuditLog
 from segway_ecc.deploy.station.web.limits import Limits
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -72,6 +72,10 @@ class Robots(FleetStatus, Protocol):
     @property
     def limits(self) -> Setpoint:
         """The fastest that may be requested, m/s and rad/s."""
+
+    @property
+    def trials(self) -> Sequence[TrialView]:
+        """What can be done to a robot, where it is simulated."""
 
     def submit(self, who: str, command: Command, reply: Reply) -> None:
         """Have a command carried out; the reply may come from any thread."""

@@ -70,6 +70,7 @@ class WebSocketHub:
             drive_period_s=DRIVE_PERIOD_S,
             max_linear=limits.linear_velocity,
             max_angular=limits.angular_velocity,
+            trials=self._robots.trials,
         )
         browser.queue(msgspec.json.encode(hello))
         for event in self._robots.events(max(self._event - _OLD_EVENTS, 0)):

@@ -17,9 +17,9 @@ from segway_ecc.firmware_io.links.link import Link
 
 
 def _drives(settings: Cia402Settings, link: Link, period_s: float, clock: Clock) -> Sequence[Drive]:
-    from segway_ecc.firmware_io.drives.cia402.driver import Cia402Pair
+    from segway_ecc.firmware_io.drives.cia402.driver import Cia402Drives
 
-    return [Cia402Pair(link, settings, period_s, clock.now_ns, clock.sleep_until_ns)]
+    return [Cia402Drives(link, settings, period_s, clock.now_ns, clock.sleep_until_ns)]
 
 
 def _stopper(settings: Cia402Settings) -> Stopper:

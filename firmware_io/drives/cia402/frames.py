@@ -26,6 +26,14 @@ _MILLIVOLT: Final = 0.001
 _MILLINEWTONMETRE: Final = 0.001
 _EMERGENCY: Final = struct.Struct("<HB5s")
 _SDO: Final = struct.Struct("<BHB4s")
+SDO_READ: Final = 0x40
+"""First byte of a request to read, and specifier of its answer."""
+_SDO_WRITE: Final = 0x20
+_SDO_WRITTEN: Final = 0x60
+_SDO_ABORTED: Final = 0x80
+_SDO_SPECIFIER: Final = 0xE0
+_SDO_OBJECT: Final = slice(1, 4)
+"""Index and sub-index in a request or answer."""
 
 
 @enum.unique
@@ -305,6 +313,21 @@ def step_towards_operation(state: DriveState | None, last_sent: int) -> Controlw
     if state is DriveState.FAULT and last_sent != Controlword.FAULT_RESET:
         return Controlword.FAULT_RESET
     return _TOWARDS_OPERATION.get(state, Controlword.DISABLE_VOLTAGE) if state else Controlword.DISABLE_VOLTAGE
+
+
+def is_answer(request: bytes, answer: bytes) -> bool:
+    """Whether an SDO frame answers a request: it bears the same object, and fits what was asked of it.
+
+    An SDO has no checksum, so a frame of a stranger under the drive's identifier would else be its answer. A segment of
+    a longer transfer bears no object; of an abort, some drives leave it zero.
+    """
+    specifier = request[0] & _SDO_SPECIFIER
+    if specifier not in (SDO_READ, _SDO_WRITE):
+        return True
+    if answer[0] == _SDO_ABORTED:
+        return answer[_SDO_OBJECT] in (request[_SDO_OBJECT], bytes(3))
+    expected = SDO_READ if specifier == SDO_READ else _SDO_WRITTEN
+    return answer[0] & _SDO_SPECIFIER == expected and answer[_SDO_OBJECT] == request[_SDO_OBJECT]
 
 
 def _check(data: bytes, length: int, what: str) -> None:

@@ -16,7 +16,7 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable
 from canopen.objectdictionary.datatypes import INTEGER8, INTEGER16, INTEGER32, UNSIGNED8, UNSIGNED16, UNSIGNED32
 from canopen.sdo.client import SdoClient
 
-from segway_ecc.firmware_io.drives.cia402.frames import NmtState, Service, unpack_heartbeat
+from segway_ecc.firmware_io.drives.cia402.frames import NmtState, Service, is_answer, unpack_heartbeat
 from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS
 from segway_ecc.firmware_io.drives.cia402.wheel import Exchange
 from segway_ecc.firmware_io.integrity import FrameRefusedError
@@ -38,9 +38,11 @@ _VARIABLES: Final = {
     0x6064: ("position actual value", INTEGER32),
     0x606C: ("velocity actual value", INTEGER32),
     0x6071: ("target torque", INTEGER16),
+    0x6072: ("max torque", UNSIGNED16),
     0x6076: ("motor rated torque", UNSIGNED32),
     0x6077: ("torque actual value", INTEGER16),
     0x6079: ("DC link circuit voltage", UNSIGNED32),
+    0x6080: ("max motor speed", UNSIGNED32),
     0x6502: ("supported drive modes", UNSIGNED32),
 }
 _PDO_COMMUNICATION: Final = {
@@ -69,6 +71,7 @@ class LinkNetwork(canopen.Network):
     Attributes:
         boots: How often each node has reported that it started, by node id.
         exchanges: The SDO requests that were answered, with their answers, by node id.
+        refused: SDO answers that were discarded, since nothing was asked that they answer.
     """
 
     def __init__(self, link: Link, now_ns: Callable[[], int], sleep_until_ns: Callable[[int], None]) -> None:
@@ -76,6 +79,7 @@ class LinkNetwork(canopen.Network):
         super().__init__()
         self.boots: Counter[int] = Counter()
         self.exchanges: dict[int, list[Exchange]] = {}
+        self.refused = 0
         self.link = link
         self.now_ns = now_ns
         self._sleep_until_ns = sleep_until_ns
@@ -105,7 +109,12 @@ class LinkNetwork(canopen.Network):
         if frame.is_extended:
             return
         if Service.SDO_REPLY < identifier < Service.SDO_REQUEST and len(frame.data) == _SDO_LENGTH:
-            self._keep(identifier - Service.SDO_REPLY, frame.data)
+            node_id = identifier - Service.SDO_REPLY
+            request = self._asked.get(node_id)
+            if request is None or not is_answer(request, frame.data):
+                self.refused += 1  # of a stranger, or late; the answer that is waited for is yet to come
+                return
+            self._keep(node_id, frame.data)
             self.notify(identifier, bytearray(frame.data), frame.received_ns * 1e-9)
         elif identifier > Service.HEARTBEAT:
             with contextlib.suppress(FrameRefusedError):  # a damaged heartbeat is no boot-up

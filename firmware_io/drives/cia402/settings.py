@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
+from segway_ecc.firmware_io.settings import Axes, BusSettings, WheelSettings, check_axes, check_unique
 
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 Units = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
@@ -36,13 +36,15 @@ class Cia402WheelSettings(WheelSettings, frozen=True, kw_only=True):
 
 
 class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
-    """Two drives of the CiA 402 profile over CANopen, which watch the heartbeat of the host under `host_node_id`."""
+    """Drives of the CiA 402 profile over CANopen, which watch the heartbeat of the host under `host_node_id`."""
 
     host_node_id: NodeId = 127
-    left: Cia402WheelSettings
-    right: Cia402WheelSettings
+    axes: Axes[Cia402WheelSettings]
 
     def __post_init__(self) -> None:
         """Refuse node ids that are not unique on the bus."""
-        if len({self.host_node_id, self.left.node_id, self.right.node_id}) != 3:  # noqa: PLR2004 - of three nodes
-            raise ValueError("left.node_id, right.node_id and host_node_id must differ")
+        check_axes(self.axes)
+        nodes = {name: wheel.node_id for name, wheel in self.axes.items()}
+        check_unique("node_id", nodes)
+        if self.host_node_id in nodes.values():
+            raise ValueError(f"host_node_id is {self.host_node_id}, which is a drive's; it must be another one")

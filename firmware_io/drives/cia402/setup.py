@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Getting the drives ready before the loop starts: reset, set up with every value read back, communication started."""
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple, cast
 
@@ -11,6 +12,7 @@ from canopen.pdo import PdoMap
 from segway_ecc.firmware_io.drives.cia402.frames import (
     MAX_TORQUE_SHARE,
     PDOS,
+    PERMILLE,
     MappedObject,
     NmtCommand,
     Service,
@@ -53,6 +55,8 @@ _DISABLE_DRIVE: Final = 0
 """Of 0x605A: the same for a quick stop that something at the drive causes; the profile's default would brake."""
 _NOT_VALID: Final = 1 << 31
 _ATTEMPTS: Final = 3
+_EQUAL: Final = 1e-3
+"""Relative: 0x6072 counts in thousandths."""
 _ABORT_NO_OBJECT: Final = frozenset({0x06020000, 0x06090011})
 
 
@@ -61,9 +65,18 @@ class SetUpError(HardwareError):
 
 
 class DriveData(NamedTuple):
-    """What a drive reported while it was set up: the rated torque of its motor, N m, and what it is."""
+    """What a drive reported while it was set up.
+
+    Attributes:
+        rated_torque: Of its motor, N m.
+        max_torque: The largest that it lets the motor give, N m; None where it does not report it.
+        max_speed_rpm: The fastest that it lets the motor turn, rpm; None where it does not report it.
+        identity: What it is.
+    """
 
     rated_torque: float
+    max_torque: float | None
+    max_speed_rpm: float | None
     identity: Identity
 
 
@@ -106,6 +119,7 @@ class _SetUp:
         self._watchdog()
         self._write_if_there(0x605A, _DISABLE_DRIVE)
         rated = self._rated_torque()
+        most, speed_rpm = self._max_torque(rated), self._read_if_there(0x6080)
         self._set_mode()
         self._write_checked(0x1005, 0, Service.SYNC)
         self._write_if_there(0x1006, self._cycle_us)
@@ -114,7 +128,7 @@ class _SetUp:
         self._map(self._node.tpdo[2], Service.TPDO2, EVERY_SYNC)
         self._map_supply()
         self._switch_off(4, Service.TPDO4)
-        return DriveData(rated, identity)
+        return DriveData(rated, most, speed_rpm, identity)
 
     def _set_mode(self) -> None:
         """Have it take torques in each cycle, of the period of SYNC."""
@@ -156,6 +170,20 @@ class _SetUp:
                 "not go with; set 0x6076 to the value on the motor's plate"
             )
         return rated
+
+    def _max_torque(self, rated: float) -> float | None:
+        """What 0x6072 lets the motor give, N m; refused where max_torque is more, which the drive would cut."""
+        share = self._read_if_there(0x6072)
+        if share is None:
+            return None
+        needed, most = abs(self._wheel.motor_torque(self._wheel.max_torque)), share * PERMILLE * rated
+        if most < needed * (1.0 - _EQUAL):
+            raise SetUpError(
+                f"its largest torque 0x6072 is {share} thousandths of the rated torque, {most:g} N m; max_torque takes "
+                f"{needed:.4g} N m at the motor: set 0x6072 to {math.ceil(needed / rated / PERMILLE)} or more where "
+                "drive and motor bear it, or lower max_torque"
+            )
+        return most
 
     def _map(self, pdo: PdoMap, service: Service, transmission_type: int) -> None:
         """Map a PDO by the library; its present COB-ID is read first, for the bit that allows remote requests."""
@@ -263,11 +291,12 @@ def _set_up_wheel(network: LinkNetwork, wheel: Cia402Wheel, settings: Cia402Sett
         booted = network.boots[wheel.node_id]
         network.exchanges[wheel.node_id] = []
         try:
-            wheel.rated_torque, wheel.identity = set_up(network, settings, wheel.settings, cycle_us)
+            data = set_up(network, settings, wheel.settings, cycle_us)
         except (SetUpError, LinkLostError) as error:
             wheel.trouble = str(error)
         else:
             wheel.trouble = None
+            wheel.rated_torque, wheel.max_torque, wheel.max_speed_rpm, wheel.identity = data
         if network.boots[wheel.node_id] == booted:
             break
     else:

@@ -15,16 +15,15 @@ _DISABLE: Final = cia402.TorqueCommand(Controlword.DISABLE_VOLTAGE, 0.0).pack()
 
 
 class Cia402Stopper(WheelStopper):
-    """CiA 402 drives: the voltage is taken from both, with zero torque.
+    """CiA 402 drives: the voltage is taken from all, with zero torque.
 
     They send their state upon SYNC, which has stopped with the node, so the guard sends one after its commands.
     """
 
     def __init__(self, settings: Cia402Settings) -> None:
         """Know the drives by their nodes."""
-        nodes = {"left": settings.left.node_id, "right": settings.right.node_id}
-        commands = {Service.RPDO1 + node: name for name, node in nodes.items()}
-        self._statuses = {Service.TPDO1 + node: name for name, node in nodes.items()}
+        commands = {Service.RPDO1 + wheel.node_id: name for name, wheel in settings.axes.items()}
+        self._statuses = {Service.TPDO1 + wheel.node_id: name for name, wheel in settings.axes.items()}
         super().__init__(
             commands, [*(Frame(identifier, _DISABLE) for identifier in commands), Frame(Service.SYNC, b"")]
         )

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from segway_ecc.firmware_io.devices import SUPPLY_STALE_NS, Freshness, Readings, WrappedCounter, stale_after_ns
 from segway_ecc.firmware_io.drives.cia402.frames import (
     EMERGENCY,
+    SDO_READ,
     WITHOUT_TORQUE,
     Controlword,
     DriveState,
@@ -17,6 +18,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     NmtState,
     Service,
     TorqueCommand,
+    is_answer,
     motor_angle,
     motor_velocity,
     state_of,
@@ -27,13 +29,12 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
 from segway_ecc.firmware_io.drives.cia402.limits import Identity
 from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.enabling import Enabling
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, NowNs
 
 _HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
 _POSITION_BITS: Final = 32
-_READ: Final = 0x40
-"""The specifier of a request to read."""
 
 
 class Exchange(NamedTuple):
@@ -88,15 +89,17 @@ class Restoring:
         return self._exchanges[self._place].request
 
     def take_answer(self, answer: bytes) -> bool:
-        """Take an SDO answer; False where none was waited for."""
+        """Take an SDO answer; False where none was waited for, or it answers something else."""
         if not (self.is_under_way and self._is_waiting):
             return False
         request, expected = self._exchanges[self._place]
+        if not (answer and is_answer(request, answer)):
+            return False
         self._is_waiting = False
         if answer == expected:
             self._place += 1
             self._deadline_ns = 0
-        elif request[0] != _READ:
+        elif request[0] != SDO_READ:
             self.failure = f"{_object(request)} is not answered as it was"
         return True
 
@@ -111,6 +114,8 @@ class Cia402Wheel:
 
     Attributes:
         rated_torque: The rated torque of its motor, N m; None until it is set up.
+        max_torque: The largest that it lets its motor give (0x6072), N m; None where it does not say.
+        max_speed_rpm: The fastest that it lets its motor turn (0x6080), rpm; None where it does not say.
         identity: What it is; None until it is set up.
         trouble: Why it is not set up; None where it is.
         state: The state in its statusword; None before the first, or for one the profile does not know.
@@ -119,12 +124,14 @@ class Cia402Wheel:
     """
 
     def __init__(
-        self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
+        self, name: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs, ride_through_s: float = 0.0
     ) -> None:
         """Begin with a drive from which nothing has been received."""
-        self.side = side
+        self.name = name
         self.node_id = settings.node_id
         self.rated_torque: float | None = None
+        self.max_torque: float | None = None
+        self.max_speed_rpm: float | None = None
         self.identity: Identity | None = None
         self.trouble: str | None = "it has not been set up"
         self.restoring = Restoring((), now_ns)
@@ -230,16 +237,16 @@ class Cia402Wheel:
     def fault(self) -> str | None:
         """What is wrong with a drive that is to be enabled, or is; None while all is well."""
         if self.has_restarted:
-            return f"the {self.side} drive has restarted"
+            return f"the {self.name} drive has restarted"
         if self.emergency is not None:
-            return f"the {self.side} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
+            return f"the {self.name} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
         if self.nmt is not NmtState.OPERATIONAL:
-            return f"the {self.side} drive has left the operational state: {self._nmt_name}"
+            return f"the {self.name} drive has left the operational state: {self._nmt_name}"
         return self._stale
 
     def arming_failures(self, where: str) -> list[str]:
         """What speaks against enabling it."""
-        drive = f"the {self.side} drive (node {self.node_id})"
+        drive = f"the {self.name} drive (node {self.node_id})"
         if self.trouble is not None:
             return [f"{drive} on {where} is not set up: {self.trouble}; fix that, then start the node again"]
         if self.restoring.failure is not None:
@@ -250,6 +257,18 @@ class Cia402Wheel:
             return [f"{drive} does not answer on {where}; is it powered and on this bus?"]
         silent = self._stale if self.is_operational else f"{drive} is not operational: {self._nmt_name}"
         return [] if silent is None else [f"{silent}; try again in a second, or switch it off and on"]
+
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """What was read of its limits while it was set up."""
+        if self.rated_torque is None:
+            return []
+        own = [DriveReading(f"{self.name}_rated_torque_n_m", self.rated_torque, "N m")]
+        if self.max_torque is not None:
+            own.append(DriveReading(f"{self.name}_max_torque_n_m", self.max_torque, "N m"))
+        if self.max_speed_rpm is not None:
+            own.append(DriveReading(f"{self.name}_max_speed_rpm", self.max_speed_rpm, "rpm"))
+        return own
 
     @property
     def health(self) -> Mapping[str, str]:
@@ -272,7 +291,7 @@ class Cia402Wheel:
         for kind, name in ((Service.HEARTBEAT, "heartbeat"), (Service.TPDO1, "status"), (Service.TPDO2, "velocity")):
             age_s, valid = self._fresh.age(kind)
             if not valid:
-                return f"the {name} of the {self.side} drive is too old: {age_s * 1e3:.0f} ms"
+                return f"the {name} of the {self.name} drive is too old: {age_s * 1e3:.0f} ms"
         return None
 
     @property

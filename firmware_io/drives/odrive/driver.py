@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One axis of an ODrive, which moves one wheel, as a `Drive`: enable, command, disable."""
+"""One axis of an ODrive, which moves one wheel or joint, as a `Drive`: enable, command, disable."""
 
 import math
 import time
@@ -25,7 +25,9 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
 )
 from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
 from segway_ecc.firmware_io.drives.odrive.messages import PASSTHROUGH, TORQUE_CONTROL, AxisState
+from segway_ecc.firmware_io.drives.odrive.sdo import TX_SDO
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _ZERO = m.SetInputTorque(0.0)
@@ -52,12 +54,12 @@ class Odrive(PhasedDrive):
     def __init__(
         self, link: Link, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
-        """Drive the wheel called `name`, `left` or `right`, over `link`, exchanged with at `loop_period_s`."""
+        """Drive the axis called `name` over `link`, exchanged with at `loop_period_s`."""
         super().__init__(now_ns)
         self.name = name
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self._settings = settings
-        self._wheel = settings.wheel(name)
+        self._wheel = settings.axes[name]
         self.limits: Sequence[float] = (self._wheel.max_torque,)
         self._link = link
         self._axis = AxisListener(name, settings, loop_period_s, now_ns)
@@ -101,7 +103,7 @@ class Odrive(PhasedDrive):
         return taken
 
     def read(self) -> Readings:
-        """Angle, velocity and torque of the wheel, and for the left one the supply's voltage.
+        """Angle, velocity and torque of the wheel, and for the first one the supply's voltage.
 
         The torque and the voltage are valid only where the drive sends them.
         """
@@ -139,7 +141,17 @@ class Odrive(PhasedDrive):
             reasons.append(f"{who} is not calibrated; {_CALIBRATE}")
         if self._enabling.phase is Phase.OFF and axis.state != AxisState.IDLE:
             reasons.append(f"{who} is in {axis.state_name}, and is being set to idle; try again in a moment")
-        return reasons + self._watchdog_failures(who)
+        return reasons + self._watchdog_failures(who) + self._setting_failures(who)
+
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """What was read back of the axis' own settings; see `ReportsSettings`."""
+        return self._axis.own.readings
+
+    def take_standby_frame(self, frame: Frame) -> None:
+        """Take a frame of the line in standby: a setting, which that line reads by itself; see `StandbyListener`."""
+        if frame.arbitration_id % COMMANDS == TX_SDO:
+            self._axis.take_frame(frame)
 
     @property
     def is_off(self) -> bool:
@@ -226,6 +238,16 @@ class Odrive(PhasedDrive):
             return [f"{who}: its watchdog was not seen to expire in {silent_ns * 1e-6:.0f} ms of silence; {remedy}"]
         return [f"{who}: its watchdog is being tried, up to {within} ms of silence"]
 
+    def _setting_failures(self, who: str) -> list[str]:
+        """Settings of the drive that do not fit, or are still to be read."""
+        axis = self._axis
+        if axis.reading is None or axis.search.found is None:
+            return []
+        failures = [f"{who}: {text}" for text in axis.reading.arming_failures()]
+        if axis.reading.waits(self._now_ns()):
+            failures.append(f"{who}: its settings are being read; try again in a moment")
+        return failures + axis.own.arming_failures(axis.search.found, who)
+
     def _step(self) -> None:
         """All steps to closed loop in their order, now and then until confirmed; in between zero, which feeds.
 
@@ -263,6 +285,11 @@ class Odrive(PhasedDrive):
             self._silent_since_ns = now_ns
         if axis.search.should_ask(now_ns):
             self._put(request(self._wheel.node_id, VERSION))
+        # Any frame may feed a watchdog, so it proves itself first.
+        elif axis.reading is not None and axis.proof.is_proven:
+            asked = axis.reading.next_request(now_ns)
+            if asked is not None:
+                self._put(asked)
 
     def _stop(self) -> None:
         self._stepped_ns = self._now_ns()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Telemetry of one axis, decoded, checked, time-stamped and kept; and what an axis must prove: firmware, watchdog."""
+"""Telemetry of one axis, decoded, checked, time-stamped and kept; and what an axis must prove: its watchdog."""
 
 import math
 from collections import Counter
@@ -18,8 +18,8 @@ from segway_ecc.firmware_io.devices import (
 from segway_ecc.firmware_io.drives.enabling import wheel_signals
 from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.causes import ErrorCauses
+from segway_ecc.firmware_io.drives.odrive.firmware_search import FirmwareSearch
 from segway_ecc.firmware_io.drives.odrive.frames import (
-    COMMANDS,
     ESTIMATES,
     HEARTBEAT,
     LAYOUTS,
@@ -33,16 +33,13 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
     error_names,
     motor_motion,
 )
-from segway_ecc.firmware_io.drives.odrive.messages import AxisState, Version
+from segway_ecc.firmware_io.drives.odrive.messages import AxisState
+from segway_ecc.firmware_io.drives.odrive.own_settings import OwnSettings
+from segway_ecc.firmware_io.drives.odrive.sdo import TX_SDO, settings_reading
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, NowNs
 
-_FIRST_THAT_ANSWERS: Final = (0, 6)
-_ASK_EVERY_NS: Final = 100_000_000
-"""How often the firmware is asked for its version while that is not known."""
-_ANSWERS_WITHIN_NS: Final = 350_000_000
-"""A drive that was asked for its version this long, and sends heartbeats, is one that cannot answer: firmware 0.5."""
 _CLEAR_EVERY_NS: Final = 300_000_000
 """Shortest time between two attempts to see the watchdog expire; longer than any that may be set."""
 _NEVER: Final = -(1 << 62)
@@ -59,60 +56,8 @@ _SHOWN_IN_HEALTH: Final[Mapping[type[Any], str]] = {
 }
 _NOT_CALIBRATED: Final = 14
 """Result of a procedure (`ProcedureResult` in the firmware of 0.6)."""
-_COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
+_COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, TX_SDO, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
 """Those that carry what is used here, in one firmware or the other."""
-
-
-class FirmwareSearch:
-    """Finds out the firmware of one drive.
-
-    0.6 answers a request for its version, 0.5 never does: one that is silent but sends heartbeats is 0.5. The first
-    answer decides, however late: what was taken for 0.5 because answers were lost is then known for what it is.
-    `found` is None while it is not known.
-    """
-
-    def __init__(self, configured: str) -> None:
-        """Take the configured value: a firmware, or `auto`."""
-        self.found = None if configured == "auto" else Firmware(configured)
-        self._configured = self.found
-        self._answered: str | None = None
-        self._first_asked_ns: int | None = None
-        self._asked_ns = 0
-        self._beats = 0
-
-    def should_ask(self, now_ns: int) -> bool:
-        """Whether to send the request for the version now; it then counts as sent."""
-        if self.found is not None or (self._first_asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS):
-            return False
-        self._asked_ns = now_ns
-        if self._first_asked_ns is None or not self._beats:
-            # A drive that is not there cannot answer: its time begins with its first heartbeat.
-            self._first_asked_ns = now_ns
-        return True
-
-    def answer(self, version: Version) -> None:
-        """Take the drive's version."""
-        number = (version.firmware_major, version.firmware_minor)
-        self._answered = f"{number[0]}.{number[1]}.{version.firmware_revision}"
-        if self._configured is None:
-            self.found = Firmware.V0_6 if number >= _FIRST_THAT_ANSWERS else Firmware.V0_5
-
-    def beat(self, received_ns: int) -> None:
-        """A heartbeat arrived."""
-        self._beats += 1
-        asked_ns = self._first_asked_ns
-        if self.found is None and asked_ns is not None and received_ns - asked_ns >= _ANSWERS_WITHIN_NS:
-            self.found = Firmware.V0_5
-
-    @property
-    def mismatch(self) -> str | None:
-        """What speaks against the firmware that the robot file names; None where nothing does."""
-        if self._configured is Firmware.V0_5 and self._answered is not None:
-            return f"answers that its firmware is {self._answered}; set firmware to '0.6' or 'auto'"
-        return None
-
-    def __str__(self) -> str:
-        return str(self._answered or self.found or "unknown")
 
 
 class WatchdogProof:
@@ -220,26 +165,29 @@ class AxisListener:
     """Keeps the newest telemetry of one axis.
 
     Attributes:
-        signals: What it measures, with units; the left axis measures the supply too.
+        signals: What it measures, with units; the first axis measures the supply too.
         error: Error bits of the newest heartbeat, which carries the state too, see `AxisState`.
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
         origin: What the estimates show of the motor.
         causes: What is behind its errors.
+        own: What it is set to, as far as that is read.
+        reading: How that is read; None where no line allows it.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
     def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Listen to the axis of the wheel called `name`."""
-        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
+        is_first = name == next(iter(settings.axes))
+        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if is_first else {})
         self._wheel_signals = (f"{name}.angle", f"{name}.velocity")
-        self._wheel = settings.wheel(name)
-        self.search = FirmwareSearch(settings.firmware)
+        self._wheel = settings.axes[name]
+        self.search = FirmwareSearch(settings.firmware, needs_release=settings.endpoints is not None)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # A cycle more, since what comes over a serial line is read up to one cycle late.
         self.proof = WatchdogProof(round((settings.watchdog_s + beat_s + loop_period_s) * 1e9))
-        ids = (arbitration_id(self._wheel.node_id, command) for command in _COMMANDS)
-        self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, ids))
+        self._commands = {FrameKey(arbitration_id(self._wheel.node_id, command)): command for command in _COMMANDS}
+        self.listens_to: Collection[FrameKey] = frozenset(self._commands)
         self.refused: Counter[Refusal] = Counter()
         self.error = 0
         self.state = int(AxisState.UNDEFINED)
@@ -257,18 +205,23 @@ class AxisListener:
         self._beat_ns: int | None = None
         self.origin = WheelOrigin()
         self.causes = ErrorCauses()
+        self.own = OwnSettings(name, settings)
+        self.reading = settings_reading(name, settings, self.own)
         self._torque = 0.0
         self._supply = 0.0
         self._newest: dict[type[Any], Any] = {}
 
     def take_frame(self, frame: Frame) -> bool:
         """Take one of the axis' frames; False where it was refused, which is counted."""
-        if (frame.arbitration_id, frame.is_extended) not in self.listens_to:
+        command = self._commands.get((frame.arbitration_id, frame.is_extended))  # type: ignore[call-overload]  # as equal
+        if command is None:
             return False
-        firmware = self._meaning(frame.arbitration_id % COMMANDS)
-        if firmware is None or frame.arbitration_id % COMMANDS not in LAYOUTS[firmware]:
-            return False  # what it means is not known yet, or nothing that is used here
         try:
+            if command == TX_SDO:
+                return self._take_setting(frame.data)
+            firmware = self._meaning(command)
+            if firmware is None or command not in LAYOUTS[firmware]:
+                return False  # what it means is not known yet, or nothing that is used here
             message = decode(firmware, frame.arbitration_id, frame.data)
         except FrameRefusedError as error:
             self.refused[error.refusal] += 1
@@ -277,7 +230,7 @@ class AxisListener:
         return True
 
     def read(self) -> Readings:
-        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the left axis the supply's voltage (V) too.
+        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the first axis the supply's voltage (V) too.
 
         The angle is the drive's own, which counts from power-on, or from where it stood when the drive was first seen
         to measure it (`WheelOrigin`). Its resolution is that of the wire's 32-bit float, 4e-4 rad at 1000 turns of the
@@ -325,11 +278,19 @@ class AxisListener:
             "error": ", ".join(self.errors) or "none",
             "causes": "; ".join(self.causes.found) or "none",
             "firmware": str(self.search),
+            "unconfirmed_versions": str(self.search.unconfirmed),
             **self.fresh.health,
+            **{f"own.{reading.name}": f"{reading.value:g}" for reading in self.own.readings},
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
             "angle_resolution_rad": f"{abs(self._wheel.wheel(angle_resolution(self.origin.estimates))):.1e}",
             **newest,
         }
+
+    def _take_setting(self, data: bytes) -> bool:
+        if self.reading is None:
+            return False
+        self.reading.take(data)
+        return True
 
     def _meaning(self, command: int) -> Firmware | None:
         """Whose meaning a command has; heartbeat and estimates are alike as far as they are used."""
@@ -349,10 +310,7 @@ class AxisListener:
                 self.origin.take(message, zeros_measure=self.search.found is Firmware.V0_6)
                 self.fresh.mark("estimates", received_ns)
             case m.Version():
-                before = self.search.found
-                self.search.answer(message)
-                if self.search.found is not before:
-                    self.proof.reset()
+                self._take_version(message)
             case m.MotorError() | m.EncoderError() | m.ControllerError() | m.Errors():
                 self.causes.take(message)
             case m.Torques():
@@ -365,6 +323,14 @@ class AxisListener:
         if type(message) in _SHOWN_IN_HEALTH:
             self._newest[type(message)] = message
 
+    def _take_version(self, version: m.Version) -> None:
+        before = self.search.found
+        self.search.answer(version)
+        if self.search.found is not before:
+            self.proof.reset()
+        if self.reading is not None and self.search.version is not None:
+            self.reading.note_version(self.search.version)
+
     def _take_heartbeat(self, error: int, state: int, received_ns: int) -> None:
         self.error, self.state = error, state
         self.gap_ns = 0 if self._beat_ns is None else received_ns - self._beat_ns
@@ -372,6 +338,9 @@ class AxisListener:
             # It may have been switched off and on, with another configuration.
             self.proof.reset()
             self.origin.is_connected = False
+            self.search.forget_release()
+            if self.reading is not None:
+                self.reading.reset()
         self._beat_ns = received_ns
         self.fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)

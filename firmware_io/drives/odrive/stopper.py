@@ -15,14 +15,14 @@ _ANY_FIRMWARE: Final = odrive.Firmware.V0_5
 
 
 class OdriveStopper(WheelStopper):
-    """ODrive axes: zero torque and idle, for both.
+    """ODrive axes: zero torque and idle, for each.
 
     On is closed loop alone: a drive that calibrates itself is not following commands, and is left in peace.
     """
 
     def __init__(self, settings: OdriveSettings) -> None:
         """Know the axes by their nodes."""
-        names = {settings.wheel(name).node_id: name for name in self.drives}
+        names = {wheel.node_id: name for name, wheel in settings.axes.items()}
         still = (m.SetInputTorque(0.0), m.SetAxisState(m.AxisState.IDLE))
         super().__init__(
             names, [odrive.encode(_ANY_FIRMWARE, node_id, message) for node_id in names for message in still]

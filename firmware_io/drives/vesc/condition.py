@@ -13,9 +13,6 @@ from segway_ecc.firmware_io.drives.vesc.packets import Mode, ShortBuffer, frames
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
-HOST_IDS: Final = {"left": 254, "right": 253}
-"""Under which identifier this computer asks about each wheel, so that answers can be distinguished."""
-
 FAULT: Final = mask_of(("fault",))
 FLAGS: Final = mask_of(("flags",))
 
@@ -55,9 +52,9 @@ def fault_name(code: int) -> str:
     return f"{_FAULT_NAMES[code]} (fault {code})" if code in _FAULT_NAMES else f"fault {code}"
 
 
-def ask(name: str, controller_id: int, mask: int) -> Frame:
-    """The frame that asks the controller of the wheel `name` for FAULT or FLAGS."""
-    return frames_of(controller_id, HOST_IDS[name], Mode.PROCESS, ask_selective(mask))[0]
+def ask(host_id: int, controller_id: int, mask: int) -> Frame:
+    """The frame by which `host_id`, this computer, asks a controller for FAULT or FLAGS."""
+    return frames_of(controller_id, host_id, Mode.PROCESS, ask_selective(mask))[0]
 
 
 def answer(buffer: ShortBuffer, controller_id: int) -> Answer:

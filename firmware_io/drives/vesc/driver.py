@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One wheel behind a VESC as a `Drive`: motor current in, speed, angle and torque out."""
+"""One wheel or joint behind a VESC as a `Drive`: motor current in, speed, angle and torque out."""
 
 import math
 import time
@@ -18,10 +18,10 @@ from segway_ecc.firmware_io.devices import (
     with_one_more,
 )
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive, wheel_signals
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.drives.vesc.condition import (
     FAULT,
     FLAGS,
-    HOST_IDS,
     Found,
     Step,
     TimeoutProbe,
@@ -50,9 +50,10 @@ from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _ASK_EVERY_NS: Final = 100_000_000
 """A fault lasts half a second, so none is missed."""
-_LEFT_WAITS_NS: Final = 100_000_000
-"""Before the left controller is asked for its limits. An answer of 74 frames takes 20 ms at 500 kbit/s and comes before
-STATUS; where both answer at once, STATUS is held up for so long that it counts as silent."""
+_WAITS_NS: Final = 100_000_000
+"""How long after the next one a controller is asked for its limits, the last one at once. An answer of 74 frames takes
+20 ms at 500 kbit/s and comes before STATUS; where two answer at once, STATUS is held up for so long that it counts as
+silent."""
 _CURRENT_STEP: Final = 0.1
 """The resolution of the motor current in STATUS, A."""
 _OFF_CURRENT: Final = 0.5
@@ -77,20 +78,21 @@ class Vesc(PhasedDrive):
     def __init__(
         self, link: Link, name: str, settings: VescSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
-        """Drive the wheel `name`, left or right, over `link`."""
+        """Drive the axis called `name` over `link`."""
         super().__init__(now_ns)
-        wheel = settings.left if name == "left" else settings.right
+        wheel, names = settings.axes[name], list(settings.axes)
         self.name = name
-        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
+        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == names[0] else {})
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self.limits: Sequence[float] = (wheel.max_torque,)
         self._link = link
         self._wheel = wheel
         self._timeout_s = settings.timeout_set_s
         self._rate_hz = settings.status_rate_hz
-        self._answers_id = arbitration_id(PacketId.PROCESS_SHORT_BUFFER, HOST_IDS[name])
+        self._host_id = settings.host_ids[name]
+        self._answers_id = arbitration_id(PacketId.PROCESS_SHORT_BUFFER, self._host_id)
         buffers = (PacketId.FILL_RX_BUFFER, PacketId.FILL_RX_BUFFER_LONG, PacketId.PROCESS_RX_BUFFER)
-        self._buffers = {arbitration_id(kind, HOST_IDS[name]): kind for kind in buffers}
+        self._buffers = {arbitration_id(kind, self._host_id): kind for kind in buffers}
         self._kinds = {arbitration_id(kind, wheel.controller_id): kind for kind in _TELEMETRY}
         self.listens_to: Collection[FrameKey] = frozenset(
             FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, *self._buffers, self._answers_id)
@@ -118,7 +120,7 @@ class Vesc(PhasedDrive):
         self._asked_ns: int | None = None
         self._probe = TimeoutProbe(settings.timeout_set_s)
         self._assembler = PacketAssembler()
-        wait_ns = _LEFT_WAITS_NS if name == "left" else 0
+        wait_ns = _WAITS_NS * (len(names) - 1 - names.index(name))
         has_fallback = settings.serial is not None
         self._limits = LimitsReading(self._title, wheel.max_current, wait_ns, has_fallback=has_fallback)
         self._zero_ns: int | None = None
@@ -149,7 +151,7 @@ class Vesc(PhasedDrive):
         return True
 
     def read(self) -> Readings:
-        """The wheel's angle, velocity and torque, and of the left controller the supply's voltage."""
+        """The wheel's angle, velocity and torque, and of the first controller the supply's voltage."""
         angle = self._wheel.wheel(motor_angle(self._counter.total, self._wheel.pole_pairs))
         velocity = self._wheel.wheel(self._status.motor_velocity(self._wheel.pole_pairs))
         torque = self._wheel.wheel_torque(self._status.directed_current() * self._wheel.torque_constant)
@@ -206,7 +208,7 @@ class Vesc(PhasedDrive):
             self._zero_ns = now_ns
         if self._asked_ns is None or now_ns - self._asked_ns >= _ASK_EVERY_NS:
             self._asked_ns = now_ns
-            self._link.send(ask(self.name, self._wheel.controller_id, FAULT))
+            self._link.send(ask(self._host_id, self._wheel.controller_id, FAULT))
 
     def disable(self) -> None:
         """Send zero: the motor coasts."""
@@ -229,6 +231,19 @@ class Vesc(PhasedDrive):
         return ()
 
     @property
+    def readings(self) -> Sequence[DriveReading]:
+        """The currents that the controller allows; see `ReportsSettings`."""
+        limits = self._limits.limits
+        if limits is None:
+            return ()
+        return (
+            DriveReading(f"{self.name}_least_current_a", limits.motor_min, "A"),
+            DriveReading(f"{self.name}_most_current_a", limits.motor_max, "A"),
+            DriveReading(f"{self.name}_least_input_current_a", limits.input_min, "A"),
+            DriveReading(f"{self.name}_most_input_current_a", limits.input_max, "A"),
+        )
+
+    @property
     def health(self) -> Mapping[str, str]:
         """What the controller reports, and what was refused of it."""
         fault = self._fresh_fault
@@ -240,6 +255,7 @@ class Vesc(PhasedDrive):
             "timeout": f"{self._probe.found}{measured}",
             "fault": "not reported" if fault is None else fault_name(fault) if fault else "none",
             "firmware": self._limits.description,
+            "unconfirmed_versions": str(self._limits.unconfirmed),
             "bus_voltage_v": f"{self._bus_voltage:.1f}",
             **self._fresh.health,
             "current_a": f"{self._status.current:.1f}",
@@ -299,12 +315,12 @@ class Vesc(PhasedDrive):
             self._limits.reset()
         elif (question := self._limits.next_question(self._now_ns())) is not None:
             controller_id = self._wheel.controller_id
-            self._link.send(frames_of(controller_id, HOST_IDS[self.name], Mode.PROCESS, question)[0])
+            self._link.send(frames_of(controller_id, self._host_id, Mode.PROCESS, question)[0])
         match self._probe.step(self._now_ns()):
             case Step.ZERO:
                 self._send_torque(0.0)
             case Step.ASK:
-                self._link.send(ask(self.name, self._wheel.controller_id, FLAGS))
+                self._link.send(ask(self._host_id, self._wheel.controller_id, FLAGS))
 
     def _send_torque(self, torque: float) -> None:
         """Send the motor current for a torque at the wheel, N m."""

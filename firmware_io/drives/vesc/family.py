@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def _drives(settings: VescSettings, link: Link, period_s: float, clock: Clock) -> Sequence[Drive]:
     from segway_ecc.firmware_io.drives.vesc.driver import Vesc
 
-    return [Vesc(link, name, settings, period_s, clock.now_ns) for name in ("left", "right")]
+    return [Vesc(link, name, settings, period_s, clock.now_ns) for name in settings.axes]
 
 
 def _stopper(settings: VescSettings) -> Stopper:

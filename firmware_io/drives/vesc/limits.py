@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What a controller is and which currents it allows: asked for before arming, and compared with the robot file.
 
+A version is believed once it was answered twice equally: a short answer comes in one frame without a checksum, so that
+a frame of a stranger may read as one, and the version decides how the limits are read. These come with a checksum.
+
 FW_VERSION answers major, minor and the hardware's name, ended by a zero. GET_MCCONF answers the motor configuration as
 the firmware's generated code writes it, which differs from version to version: a signature, four bytes of modes, then
 the limits of motor current and of input current. Source: confgenerator.c of github.com/vedderb/bldc at 6.00, and its
@@ -80,17 +83,21 @@ class LimitsReading:
     Attributes:
         version: Its firmware; None where it has not answered.
         limits: Its limits; None where they are not known.
+        unconfirmed: Versions that were discarded, since the next answer was another.
     """
 
     __slots__ = (
         "_asked_ns",
+        "_first_ns",
         "_has_fallback",
+        "_heard",
         "_is_refused",
         "_needed",
         "_title",
         "_tries",
         "_wait_ns",
         "limits",
+        "unconfirmed",
         "version",
     )
 
@@ -105,6 +112,7 @@ class LimitsReading:
         self._title = title
         self._needed = needed_a
         self._wait_ns = wait_ns
+        self.unconfirmed = 0
         self.reset()
 
     def reset(self) -> None:
@@ -113,6 +121,9 @@ class LimitsReading:
         self.limits: CurrentLimits | None = None
         self._is_refused = False
         self._tries = 0
+        self._heard: FirmwareVersion | None = None
+        self._first_ns: int | None = None
+        """When the first question is to be sent."""
         self._asked_ns: int | None = None
 
     @property
@@ -128,9 +139,10 @@ class LimitsReading:
 
     def next_question(self, now_ns: int) -> bytes | None:
         """The packet to send now; None where there is none, or an answer is waited for."""
-        if self._asked_ns is None and self.version is None and self._wait_ns:
-            self._asked_ns = now_ns + self._wait_ns - _ASK_EVERY_NS
-        if self.is_over or (self._asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS):
+        if self._first_ns is None:
+            self._first_ns = now_ns + self._wait_ns
+        is_waiting = self._asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS
+        if self.is_over or now_ns < self._first_ns or is_waiting:
             return None
         self._asked_ns = now_ns
         self._tries += 1
@@ -141,7 +153,12 @@ class LimitsReading:
     def take(self, packet: bytes) -> None:
         """Take an answer; FrameRefusedError where it is none that was waited for."""
         if self.version is None:
-            self.version = decode_version(packet)
+            version = decode_version(packet)
+            if version == self._heard:
+                self.version = version
+            else:
+                self.unconfirmed += self._heard is not None
+                self._heard = version
         else:
             try:
                 self.limits = decode_limits(self.version, packet)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The UART of one VESC as a line that carries the frames of both.
+"""The UART of one VESC as a line that carries the frames of all.
 
-Commands for the controller at the UART go to it; those for the other one are handed on by it over CAN. So the line
+Commands for the controller at the UART go to it; those for the others are handed on by it over CAN. So the line
 helps where this computer has lost the bus, not where the bus between the controllers is broken.
 """
 
@@ -10,7 +10,6 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.drives.vesc.condition import HOST_IDS
 from segway_ecc.firmware_io.drives.vesc.frames import (
     SET_PACKETS,
     PacketId,
@@ -35,18 +34,17 @@ _SET_BYTES: Final = 4
 
 
 class VescSerialCodec:
-    """Translates between the frames of two controllers and the serial protocol of one; see `SerialCodec`.
+    """Translates between the frames of several controllers and the serial protocol of one; see `SerialCodec`.
 
     `refused` is what was received and not taken, by cause; garbage counts in bytes.
     """
 
     def __init__(self, settings: VescSettings) -> None:
         """Speak to the controllers of a robot through the UART of one of them."""
-        near, far = settings.left.controller_id, settings.right.controller_id
-        self._hosts = {near: HOST_IDS["left"], far: HOST_IDS["right"]}
-        if settings.serial_controller == "right":
-            near, far = far, near
-        self._near, self._far = near, far
+        self._hosts = {settings.axes[name].controller_id: host_id for name, host_id in settings.host_ids.items()}
+        near = settings.serial_controller
+        self._near = next(iter(self._hosts)) if near is None else settings.axes[near].controller_id
+        self._far = [controller_id for controller_id in self._hosts if controller_id != self._near]
         self._receiver = PacketReceiver()
         self.refused: Counter[str] = self._receiver.refused
 
@@ -63,8 +61,8 @@ class VescSerialCodec:
         return self._framed(controller_id, bytes((SET_PACKETS[command],)) + frame.data)
 
     def request(self) -> bytes:
-        """The packets that ask both controllers for their telemetry."""
-        return self._ask(self._near) + self._ask(self._far)
+        """The packets that ask all controllers for their telemetry."""
+        return b"".join(map(self._ask, (self._near, *self._far)))
 
     def decode(self, data: bytes, now_ns: int) -> list[Frame]:
         """Take received bytes; see `SerialCodec.decode`."""

@@ -17,13 +17,13 @@ _OTHERS: Final = frozenset(
 
 
 class VescStopper(WheelStopper):
-    """VESC controllers: zero current, for both. They know no "off" but that, and report none."""
+    """VESC controllers: zero current, for each. They know no "off" but that, and report none."""
 
     reports = False
 
     def __init__(self, settings: VescSettings) -> None:
         """Know the controllers by their ids."""
-        names = {settings.left.controller_id: "left", settings.right.controller_id: "right"}
+        names = {wheel.controller_id: name for name, wheel in settings.axes.items()}
         still = vesc.Current(0.0)
         super().__init__(names, [vesc.frame_of(PacketId.SET_CURRENT, controller_id, still) for controller_id in names])
 

@@ -17,6 +17,7 @@ from segway_ecc.firmware_io.devices import (
     with_one_more,
 )
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
+from segway_ecc.firmware_io.drives.readings import DriveReading
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_VOLTAGE,
@@ -185,6 +186,12 @@ class WheelBoard(PhasedDrive):
             return (f"the wheel board switched its motors off: {self._status.state.name}",)
         age_s, valid = self._fresh.age(FrameId.BOARD_STATUS)
         return () if valid else (f"the wheel board's status is too old: {age_s * 1e3:.0f} ms",)
+
+    @property
+    def readings(self) -> Sequence[DriveReading]:
+        """The watchdog that the board has in force, once it has reported it; see `ReportsSettings`."""
+        is_reported = self._fresh.age(FrameId.BOARD_STATUS)[1]
+        return (DriveReading("watchdog_s", self._status.watchdog_s, "s"),) if is_reported else ()
 
     @property
     def health(self) -> Mapping[str, str]:

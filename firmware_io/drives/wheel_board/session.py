@@ -144,36 +144,35 @@ class CommandReceiver:
 
         Frames with other identifiers are somebody else's. Those of version 1 are refused.
         """
-        if frame.is_extended or frame.is_remote or frame.arbitration_id not in _OURS:
+        identifier = frame.arbitration_id
+        if identifier not in _OURS or frame.is_extended or frame.is_remote:
             return None
-        try:
-            return self._take(frame.arbitration_id, frame.data)
-        except FrameRefusedError as error:
-            self.refused[error.refusal] += 1
+        taken = Refusal.UNKNOWN if identifier in _VERSION_1 else self._take(identifier, frame.data)
+        if isinstance(taken, Refusal):  # returned, not raised: a bus may be full of frames that are to be refused
+            self.refused[taken] += 1
             return None
+        return taken
 
-    def _take(self, identifier: int, data: bytes) -> WheelCommand | BoardSetup | None:
-        if identifier in _VERSION_1:
-            raise _refusal(Refusal.UNKNOWN, identifier)
+    def _take(self, identifier: int, data: bytes) -> WheelCommand | BoardSetup | Refusal | None:
         if len(data) != _LENGTH:
-            raise _refusal(Refusal.LENGTH, identifier)
+            return Refusal.LENGTH
         session, word = self._session, data[2] | data[3] << 8
         ahead = (word - session.counter) & _CARRIED
         if not session.is_begun or not 1 <= ahead <= self._window:
-            raise _refusal(Refusal.COUNTER, identifier)
+            return Refusal.COUNTER
         counter, body = (session.counter + ahead) % _COUNTS, data[:_BODY]
         if _CODE.unpack_from(data, _BODY)[0] != code_of(session.number, counter, identifier, body):
-            raise _refusal(Refusal.CRC, identifier)
+            return Refusal.CRC
         try:
             if identifier == CommandId.SESSION_SETUP:
                 return BoardSetup(watchdog_value(data[0] | data[1] << 8))
             steps: int = _SIGNED.unpack(body)[0]
             voltage = voltage_value(steps)
-        except ValueError as error:
-            raise _refusal(Refusal.RANGE, identifier) from error
+        except ValueError:
+            return Refusal.RANGE
         return self._join(identifier, counter, word, voltage)
 
-    def _join(self, identifier: int, counter: int, word: int, voltage: float) -> WheelCommand | None:
+    def _join(self, identifier: int, counter: int, word: int, voltage: float) -> WheelCommand | Refusal | None:
         """Keep the left wheel's frame; with the right one's, which agrees with it, make a command of both."""
         lefts = self._lefts
         if identifier == CommandId.LEFT_COMMAND:
@@ -183,10 +182,6 @@ class CommandReceiver:
             return None
         left = lefts.pop(counter, None)
         if left is None or left[0] != word:
-            raise _refusal(Refusal.COUNTER, identifier)
+            return Refusal.COUNTER
         self._session.counter = counter
         return WheelCommand(left[1], voltage, bool(word & _ENABLE))
-
-
-def _refusal(cause: Refusal, identifier: int) -> FrameRefusedError:
-    return FrameRefusedError(cause, f"frame 0x{identifier:03X}")

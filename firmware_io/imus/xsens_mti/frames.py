@@ -116,7 +116,7 @@ def encode(message: Message, values: Sequence[float]) -> bytes:
     if not all(map(math.isfinite, values)):
         raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
     raw = [round(value / layout.unit) for value in values]
-    _check(message, raw)
+    _check(message, layout, raw)
     try:
         return layout.fields.pack(*raw)
     except struct.error as error:
@@ -129,7 +129,7 @@ def decode(message: Message, data: bytes) -> tuple[float, ...]:
     if len(data) != layout.fields.size:
         raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
     raw = layout.fields.unpack(data)
-    _check(message, raw)
+    _check(message, layout, raw)
     # A count times one would be a float where this is compiled.
     return raw if layout.unit == 1 else tuple([value * layout.unit for value in raw])
 
@@ -139,8 +139,8 @@ def elapsed_s(newest: float, before: float, tick_s: float) -> float:
     return int(newest - before) % SAMPLE_TIME_TICKS * tick_s
 
 
-def _check(message: Message, raw: Sequence[int]) -> None:
-    allowed = LAYOUTS[message].allowed
+def _check(message: Message, layout: _MessageLayout, raw: Sequence[int]) -> None:
+    allowed = layout.allowed
     for value in raw:
         if value not in allowed:
             raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")

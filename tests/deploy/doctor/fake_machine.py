@@ -13,8 +13,9 @@ from segway_ecc.deploy.doctor.check import Finding, Probes, System, Workload, Wr
 from segway_ecc.deploy.support.commands import NoAnswerError
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
-from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.node.config import NoHardwareSection, load_robot
+from segway_ecc.firmware_io.links.settings import PortSettings
+from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.timing import Summary
 
 GOOD_CAN = InterfaceState("can", is_up=True, state=LinkState.ACTIVE, bitrate=500_000, restart_ms=100, tec=0, rec=0)
@@ -34,6 +35,7 @@ class FakeProbes(Probes):
     """What trying comes to."""
 
     no_can: bool = False
+    exit_filter_error: OSError | None = None
     interfaces: dict[str, InterfaceState] = field(default_factory=dict)
     port_error: OSError | None = None
     lateness: Summary = GOOD_LATENESS
@@ -46,10 +48,14 @@ class FakeProbes(Probes):
         if self.no_can:
             raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
 
+    def ask_before_exit(self) -> None:
+        if self.exit_filter_error is not None:
+            raise self.exit_filter_error
+
     def interface(self, name: str) -> InterfaceState:
         return self.interfaces.get(name, UNKNOWN)
 
-    def open_port(self, settings: SerialSettings) -> None:
+    def open_port(self, settings: PortSettings) -> None:
         self.opened.append(settings.port)
         if self.port_error is not None:
             raise self.port_error
@@ -139,7 +145,7 @@ def workload(
     """A packaged robot to run, its CAN settings changed."""
     file = None if robot is None else load_robot(robot)
     if file is not None and can:
-        assert not isinstance(file.hardware, NoHardwareSection)
+        assert isinstance(file.hardware, BusSettings)
         settings = msgspec.structs.replace(file.hardware.can, **can)
         file = msgspec.structs.replace(file, hardware=msgspec.structs.replace(file.hardware, can=settings))
     return Workload(folder / "var/log/segway-ecc", 1000, file, period_ns)

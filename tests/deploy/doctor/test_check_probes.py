@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """On the real machine; nothing is asserted about its speed."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,8 +11,10 @@ from segway_ecc.deploy.doctor.check import Probes
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.hil.rig.simulated_serial import PtyPort
+from tests.fixtures.refusing import refusing
 
 MS = 1_000_000
+ASKS = "from segway_ecc.deploy.doctor.check import Probes\nProbes().ask_before_exit()"
 
 
 def test_wake_ups_are_counted_and_progress_is_reported() -> None:
@@ -56,3 +60,10 @@ def test_a_port_is_opened_and_closed(tmp_path: Path) -> None:
             Probes().open_port(SerialSettings(port=str(port.path)))
     finally:
         port.close()
+
+
+def test_the_filter_of_exits_is_tried_and_does_not_stay() -> None:
+    words = [sys.executable, "-P", "-c", f"{ASKS}\nProbes().ask_before_exit()"]
+    assert subprocess.run(words, check=False, capture_output=True).returncode == 0
+    refused = subprocess.run(refusing("EPERM", *words), check=False, capture_output=True, text=True)
+    assert refused.stderr.splitlines()[-1] == "PermissionError: [Errno 1] Operation not permitted"

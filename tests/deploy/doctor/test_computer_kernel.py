@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: MIT
+import errno
+import os
+
 from segway_ecc.deploy.doctor.check import Verdict
 from segway_ecc.deploy.doctor.computer import check_kernel
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
@@ -40,3 +43,12 @@ def test_can_in_the_kernel(fake: FakeMachine) -> None:
     assert verdict(fake, name) == (Verdict.BAD, refused)
     assert verdict(fake, name, None) == (Verdict.WARNING, refused)
     assert verdict(fake, name, "cart") == (Verdict.GOOD, f"{refused}; this robot needs none")
+
+
+def test_a_kernel_or_container_that_refuses_the_filter_is_warned_of(fake: FakeMachine) -> None:
+    assert verdict(fake, "seccomp")[0] is Verdict.GOOD
+    fake.probes.exit_filter_error = OSError(errno.EPERM, os.strerror(errno.EPERM))
+    found = by_name(list(check_kernel(fake.machine, workload(fake.root))))["seccomp"]
+    assert found.verdict is Verdict.WARNING
+    assert found.found.endswith("does not have the model's watchdog asked: Operation not permitted")
+    assert "guard and drives end the torque" in found.effect

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import dataclasses
+from typing import Any
 
 import pytest
 
@@ -131,3 +132,38 @@ def test_without_a_robot_every_interface_is_looked_at(fake: FakeMachine) -> None
 def test_without_a_robot_and_without_an_interface(fake: FakeMachine) -> None:
     fake.remove("/sys/class/net/can0/type")
     assert not_good(looked(fake, None)) == {"CAN interface": Verdict.WARNING}
+
+
+FD: dict[str, Any] = {"bitrate": 1_000_000, "fd": True, "data_bitrate": 5_000_000}
+
+
+def test_an_interface_of_can_fd_has_both_bit_rates(fake: FakeMachine) -> None:
+    fake.interface("can0", changed(bitrate=1_000_000, data_bitrate=5_000_000))
+    found = looked(fake, **FD)
+    assert not not_good(found)
+    assert found["CAN can0 data bit rate"].found == "5000000 bit/s"
+
+
+@pytest.mark.parametrize(
+    ("data_bitrate", "text"),
+    [
+        (None, "none: it carries classic frames only"),
+        (2_000_000, "2000000 bit/s, the robot file has 5000000"),
+    ],
+)
+def test_the_wrong_bit_rate_of_data_is_named_with_the_command(
+    fake: FakeMachine, data_bitrate: int | None, text: str
+) -> None:
+    fake.interface("can0", changed(bitrate=1_000_000, data_bitrate=data_bitrate))
+    found = looked(fake, **FD)
+    assert not_good(found) == {"CAN can0 data bit rate": Verdict.BAD}
+    assert found["CAN can0 data bit rate"].found == text
+    assert "type can bitrate 1000000 dbitrate 5000000 fd on restart-ms 100" in found["CAN can0 data bit rate"].remedy
+
+
+def test_unreported_bit_rates_are_warned(fake: FakeMachine) -> None:
+    fake.interface("can0", changed(bitrate=None))
+    assert not_good(looked(fake, **FD)) == {
+        "CAN can0 bit rate": Verdict.WARNING,
+        "CAN can0 data bit rate": Verdict.WARNING,
+    }

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from segway_ecc.deploy.doctor.check import Finding, Verdict, Workload
-from segway_ecc.deploy.doctor.hardware import check_serial
+from segway_ecc.deploy.doctor.hardware import check_can, check_serial
 from segway_ecc.firmware_io.build import with_port
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
@@ -28,6 +28,18 @@ def test_none_is_asked_for(fake: FakeMachine, robot: str | None) -> None:
     (found,) = check_serial(fake.machine, workload(fake.root, robot))
     assert (found.verdict, found.found) == (Verdict.GOOD, "none is asked for")
     assert not fake.probes.opened
+
+
+def test_the_only_line_is_looked_at_and_without_it_the_drives_are_out_of_reach(fake: FakeMachine) -> None:
+    plain = workload(fake.root, "cart-hoverboard")
+    (found,) = check_can(fake.machine, plain)
+    assert (found.verdict, found.found) == (Verdict.GOOD, "this robot's drives are on a serial line alone")
+    assert not plain.needs_socketcan
+    (found,) = check_serial(fake.machine, plain)
+    assert (found.verdict, found.name) == (Verdict.GOOD, "serial /tmp/segway-hoverboard")
+    fake.probes.port_error = OSError(errno.ENOENT, os.strerror(errno.ENOENT))
+    (found,) = check_serial(fake.machine, plain)
+    assert (found.verdict, found.effect) == (Verdict.BAD, "the drives are out of reach")
 
 
 def test_a_port_by_its_udev_name(fake: FakeMachine) -> None:

@@ -106,6 +106,18 @@ def test_nothing_is_wrong_with_what_ships(segway_ecc: Callable[..., Outcome], na
         ("segway", "PitchGain", -150.0, Verdict.WARNING, "12.2 times that"),
         ("segway", "IntegralGain", 0.0, Verdict.WARNING, "0 N/s, the design has -0.906623 N/s: nothing"),
         ("segway", "IntegralGain", -0.05, Verdict.WARNING, "0.0551 times that"),
+        ("segway", "TravelGain", -0.0667, Verdict.WARNING, "0.0175 times that"),
+        ("segway", "PitchGain", -0.21546, Verdict.BAD, "0.0175 times that, and the others are not as small"),
+        (
+            "segway-odrive",
+            "PitchRateGain",
+            -0.034985,
+            Verdict.BAD,
+            "0.0175 times that, and the others are not as small",
+        ),
+        ("segway", "VelocityGain", -0.0523, Verdict.BAD, "0.0175 times that, and the others are not as small"),
+        ("segway", "PitchGain", 0.0, Verdict.BAD, "0 N m/rad, the design has -12.3446 N m/rad: nothing"),
+        ("segway", "PitchGain", -0.5, Verdict.WARNING, "0.0405 times that"),
         ("cart-can", "FeedbackGain", 9.4, Verdict.BAD, "100 times that"),
     ],
 )
@@ -120,11 +132,19 @@ def test_a_gain_that_is_tuned_is_none_of_our_business() -> None:
     assert verdicts(with_parameters("segway", PitchGain=-30.0, TravelGain=-1.0, MaxSpeed=0.5)) == {}
 
 
-def test_gains_that_are_left_out_are_noticed() -> None:
+@pytest.mark.parametrize(("left_out", "verdict"), [("HeadingGain", "warning"), ("PitchGain", "bad")])
+def test_gains_that_are_left_out_are_noticed(left_out: str, verdict: str) -> None:
     file = load_robot("segway")
-    parameters = {name: value for name, value in file.model.parameters.items() if name != "PitchGain"}
+    parameters = {name: value for name, value in file.model.parameters.items() if name != left_out}
     file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, parameters=parameters))
-    assert verdicts(file) == {"parameters, PitchGain": "warning"}
+    assert verdicts(file) == {f"parameters, {left_out}": verdict}
+
+
+def test_gains_of_a_far_lighter_robot_are_warned_of() -> None:
+    gains = ("PitchGain", "PitchRateGain", "VelocityGain")
+    design = load_robot("segway").model.parameters
+    light = with_parameters("segway", **{name: design[name] / 60.0 for name in gains})
+    assert verdicts(light) == {f"parameters, {name}": "warning" for name in gains}
 
 
 @pytest.mark.parametrize(

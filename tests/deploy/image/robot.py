@@ -61,6 +61,14 @@ class Robot:
         self.machine.wait_until(f'[ "$(systemctl show -P NRestarts {NODE})" -gt {before} ]', 600)
         return at_ns
 
+    def stop(self) -> None:
+        """Stop the node by its service manager, and wait until it has ended."""
+        self.machine.run(f"systemctl stop {NODE}", 240)
+
+    def start(self) -> None:
+        """Start it again, as at boot."""
+        self.machine.run(f"systemctl start --no-block {NODE}", 240)
+
     def journal(self) -> str:
         """What the node's unit has logged since the machine was switched on."""
         return self.machine.run(f"journalctl -b -u {NODE} -o short-monotonic --no-pager", 240)

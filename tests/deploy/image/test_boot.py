@@ -35,6 +35,7 @@ def test_the_robot_comes_up_by_itself_comes_back_and_boots_again_after_its_power
         robot.kill("SIGSTOP")
         robot.wait_until_up()
         assert "Watchdog timeout" in robot.journal()
+        ends_by_its_service_manager(robot)
         times, before = robot.times(), set(robot.logs())
         machine.run(WRITE)
     with switch_on(tmp_path / "second") as machine:
@@ -47,6 +48,16 @@ def test_the_robot_comes_up_by_itself_comes_back_and_boots_again_after_its_power
     with capsys.disabled():
         shown = f"{boot.text()}\n{analyzed}\n{times}"
         print(f"\nimage under user-mode Linux: {shown}")  # noqa: T201 - figures are for people
+
+
+def ends_by_its_service_manager(robot: Robot) -> None:
+    """With status 0, of which the kernel asks the model's watchdog, and not killed after its time to end."""
+    robot.stop()
+    assert robot.property("Result") == "success"
+    assert (robot.property("ExecMainCode"), robot.property("ExecMainStatus")) == ("1", "0"), "CLD_EXITED, with 0"
+    assert "stopped: SIGTERM" in robot.journal()
+    robot.start()
+    robot.wait_until_up()
 
 
 def looks_as_it_should(machine: Machine, robot: Robot) -> None:

@@ -32,7 +32,7 @@ class World(NoStage, NoRecorder):
 
     def __init__(self, name: str) -> None:
         file = load_robot(name)
-        rig = LockstepRig(hardware_of(file).can.bitrate)
+        rig = LockstepRig.of(hardware_of(file))
         self.simulated = simulated_robot(file, rig.bus.attach("plant"))
         rig.attach(self.simulated)
         self.seen: list[Seen] = []

@@ -11,7 +11,7 @@ from segway_ecc.firmware_io.guard.guard import Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
@@ -75,10 +75,11 @@ class Guarded:
     ) -> None:
         file = load_robot(robot)
         assert not isinstance(file.hardware, NoHardwareSection)
-        self.settings: BusSettings = file.hardware
-        self.rig = LockstepRig(hardware_of(file).can.bitrate)
-        self.plant: SimulatedRobot = simulated_robot(file, self.rig.bus.attach("plant"))
-        node = self.rig.bus.attach("node")
+        self.settings: HardwareSettings = file.hardware
+        self.rig = LockstepRig.of(hardware_of(file))
+        ends = self.rig.ends(hardware_of(file))
+        self.plant: SimulatedRobot = simulated_robot(file, ends.devices, ends.port, ends.imu_port)
+        node = ends.node
         self.bus = FaultyLink(node if wrap is None else wrap(node))
         built = build_robot(file, self.rig, self.bus).hardware
         assert isinstance(built, Assembly)
@@ -86,7 +87,8 @@ class Guarded:
         self.beats = Beats()
         built._gate._owner = self.beats
         self.moments: list[tuple[int, tuple[float, ...]]] = []
-        self.guard_link = self.rig.bus.attach("guard")
+        self.guard_link = self.rig.guard_end(self.settings, ends)
+        self.guard_link.open()
         self.guard = self.new_guard(self.guard_link if wrap_guard is None else wrap_guard(self.guard_link))
         self.is_watched = True
         self.rig.attach(self.plant, self._observe)

@@ -15,8 +15,8 @@ from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
 from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
-ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]
-REPORTING = ["cart-can", "cart-odrive", "cart-cia402"]
+ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus"]
+REPORTING = ["cart-can", "cart-odrive", "cart-cia402", "cart-moteus"]
 AT_REST = {"left.angle": 0.0, "left.velocity": 0.0, "right.angle": 0.0, "right.velocity": 0.0}
 
 

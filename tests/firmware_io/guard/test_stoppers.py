@@ -14,14 +14,14 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
 from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.settings import BusSettings
+from segway_ecc.firmware_io.settings import HardwareSettings
 from segway_ecc.node.config import NoHardwareSection, load_robot
 
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]
 MOVE, ZERO, DISABLE, ON, OFF = Meaning
 
 
-def hardware(robot: str) -> BusSettings:
+def hardware(robot: str) -> HardwareSettings:
     settings = load_robot(robot).hardware
     assert not isinstance(settings, NoHardwareSection)
     return settings
@@ -32,7 +32,8 @@ def ids(robot: str) -> tuple[int, int]:
     settings = hardware(robot)
     assert isinstance(settings, OdriveSettings | VescSettings | Cia402Settings)
     names = {"cart-odrive": "node_id", "cart-vesc": "controller_id", "cart-cia402": "node_id"}
-    return getattr(settings.left, names[robot]), getattr(settings.right, names[robot])
+    left, right = (getattr(wheel, names[robot]) for wheel in settings.axes.values())
+    return left, right
 
 
 def command(counter: int, *, enable: bool, voltage: float = 0.0) -> Frame:

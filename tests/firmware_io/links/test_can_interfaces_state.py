@@ -28,7 +28,7 @@ SLCAN = (
 )
 VCAN = "10001200090001007663616e00000000"
 KIND, DATA, LINKINFO = 1, 2, 18
-BIT_TIMING, STATE, RESTART_MS, ERROR_COUNTERS = 1, 4, 6, 8
+BIT_TIMING, STATE, RESTART_MS, ERROR_COUNTERS, DATA_BIT_TIMING = 1, 4, 6, 8, 9
 
 
 def _reply(attributes: str | bytes, header: str = HEADER) -> bytes:
@@ -86,9 +86,17 @@ def test_counters_and_restart_time_are_read_where_the_driver_reports_them() -> N
     assert str(found) == "bus-off, restarted 100 ms after bus-off"
 
 
+def test_the_bit_rate_of_data_is_read_where_the_interface_carries_can_fd() -> None:
+    rates = {BIT_TIMING: _u32(1_000_000) + bytes(28), DATA_BIT_TIMING: _u32(5_000_000) + bytes(28)}
+    found = parse_reply(_can({STATE: _u32(0), **rates}))
+    assert (found.bitrate, found.data_bitrate) == (1_000_000, 5_000_000)
+    assert str(found) == "active, 1000000 bit/s, data at 5000000 bit/s, not restarted after bus-off"
+
+
 @pytest.mark.parametrize("bitrate", [0, 0xFFFFFFFF])
 def test_unset_bit_rate_is_not_reported(bitrate: int) -> None:
-    assert parse_reply(_can({BIT_TIMING: _u32(bitrate)})).bitrate is None
+    found = parse_reply(_can({BIT_TIMING: _u32(bitrate), DATA_BIT_TIMING: _u32(bitrate)}))
+    assert (found.bitrate, found.data_bitrate) == (None, None)
 
 
 def test_numbers_of_other_kinds_of_interface_are_not_taken_for_a_controllers() -> None:

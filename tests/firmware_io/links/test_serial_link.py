@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkState
 from segway_ecc.firmware_io.links.redundant_link import StandbyLink
 from segway_ecc.firmware_io.links.serial_link import LOST, Port, SerialLink
-from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.links.settings import PortSettings, SerialSettings
 
 MS = 1_000_000
 SETTINGS = SerialSettings(port="/dev/test", baudrate=100_000)
@@ -95,9 +95,9 @@ class Opener:
         self.results = deque(results)
         self.may_go = threading.Event()
         self.may_go.set()
-        self.calls: list[tuple[SerialSettings, int]] = []
+        self.calls: list[tuple[PortSettings, int]] = []
 
-    def __call__(self, settings: SerialSettings) -> Port:
+    def __call__(self, settings: PortSettings) -> Port:
         self.calls.append((settings, threading.get_ident()))
         self.may_go.wait(30.0)
         result = self.results.popleft()

@@ -11,6 +11,7 @@ from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioResult, ScenarioRun, load_scenario
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.faults.fault import Fault, Target, Type
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
 from segway_ecc.node.sequence.manoeuvre import Segment
 
@@ -153,6 +154,14 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
     same = [run(fault("can", "intermittent", amount=0.3), seed=5) for _ in range(2)]
     assert same[0] == same[1]
     assert same[0].digest != run(fault("can", "intermittent", amount=0.3), seed=6).digest
+
+
+@pytest.mark.parametrize("robot", ["cart-odrive", "segway-odrive"])
+def test_devices_that_sleep_through_passes_change_no_bit(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    faults = (fault("imu", "wrong", for_s=0.02, amount=0.1), fault("can", "off", at_s=1.0, for_s=0.2))
+    asleep = run(*faults, robot=robot)
+    monkeypatch.setattr(SimulatedRobot, "_all_sleep", lambda *_: False)
+    assert run(*faults, robot=robot) == asleep
 
 
 def test_parameters_reach_model_and_plant() -> None:

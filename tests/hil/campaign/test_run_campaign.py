@@ -4,8 +4,10 @@
 from html.parser import HTMLParser
 
 import msgspec
+import pytest
 
-from segway_ecc.hil.campaign.run import render, run_campaign, runs_of
+from segway_ecc.hil.campaign.page import render
+from segway_ecc.hil.campaign.run import run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import (
     Expectation,
     Scenario,
@@ -15,6 +17,7 @@ from segway_ecc.hil.campaign.scenario import (
     load_scenario,
     table,
 )
+from segway_ecc.hil.faults.fault import KINDS, Fault
 from segway_ecc.node.sequence.manoeuvre import Segment
 
 SEGMENTS = (Segment(linear=1.0, duration=1.05), Segment(linear=0.2, angular=1.0, duration=0.5))
@@ -58,6 +61,31 @@ def test_two_processes_give_the_same_bits_as_one() -> None:
         ("can-cut", 0),
         ("can-cut", 7),
     ]
+
+
+_LATE: tuple[Fault, ...] = tuple(
+    Fault(target=target, type=kind, at_s=0.3)
+    for target, kinds in KINDS.items()
+    for kind in kinds
+    if target not in {"serial", "parameter", "odometry"}
+)
+
+
+@pytest.mark.variants(1)
+@pytest.mark.parametrize("robot", ["cart-can", "cart-odrive"])
+def test_each_fault_gives_the_same_bits_where_its_run_has_branched_off(robot: str) -> None:
+    """Of every kind, and of those that come again or pass."""
+    again = Fault(target="imu", type="garbage", at_s=0.3, for_s=0.02, every_s=0.1)
+    scenarios = [
+        msgspec.structs.replace(
+            short("can-cut"), segments=(Segment(linear=1.0, duration=0.6),), name=f"n{place}", faults=(fault,)
+        )
+        for place, fault in enumerate([*_LATE, again])
+    ]
+    trials = [ScenarioRun("test", each, robot, 5, {}) for each in scenarios]
+    alone = run_campaign(trials, 1, lambda *_progress: None)
+    assert run_campaign(trials, 2, lambda *_progress: None) == alone
+    assert len({result.digest for result in alone}) > 25  # which many of the faults of a node leave as it is
 
 
 def two_results() -> list[ScenarioResult]:

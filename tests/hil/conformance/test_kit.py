@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import pytest
 
 from segway_ecc.firmware_io.devices import Drive, FrameKey
@@ -22,9 +23,24 @@ from segway_ecc.node.config import load_robot
 
 
 @pytest.mark.parametrize("aspect", CONFORMANCE_ASPECTS)
-@pytest.mark.parametrize("robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"])
+@pytest.mark.parametrize(
+    "robot", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-hoverboard", "cart-moteus"]
+)
 def test_our_families_conform(robot: str, aspect: str) -> None:
     settings = hardware_of(load_robot(robot))
+    check_conformance(aspect, family_of(settings), simulated_drives(settings), settings)
+
+
+@pytest.mark.parametrize("aspect", CONFORMANCE_ASPECTS)
+@pytest.mark.parametrize("names", [("pan",), ("base", "elbow", "wrist", "grip")], ids=len)
+@pytest.mark.parametrize("robot", ["cart-odrive", "cart-vesc", "cart-cia402"])
+def test_our_families_conform_with_any_number_of_axes(robot: str, names: Sequence[str], aspect: str) -> None:
+    settings: Any = hardware_of(load_robot(robot))
+    left, right = settings.axes.values()
+    number = "controller_id" if robot == "cart-vesc" else "node_id"
+    axes = {name: msgspec.structs.replace(right if n % 2 else left, **{number: n + 1}) for n, name in enumerate(names)}
+    can = msgspec.structs.replace(settings.can, bitrate=1_000_000)
+    settings = msgspec.structs.replace(settings, axes=axes, can=can)
     check_conformance(aspect, family_of(settings), simulated_drives(settings), settings)
 
 

@@ -96,7 +96,7 @@ class Run:
         file = load_robot(name)
         if safety is not None:
             file = structs.replace(file, safety=safety)
-        self.rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = LockstepRig.of(hardware_of(file))
         self.simulated = simulated_robot(file, self.rig.bus.attach("plant"))
         for parameter, value in (plant or {}).items():
             self.simulated.plant.write(parameter, value)

@@ -2,7 +2,7 @@
 """Simulated ODrives on a bus and a serial line in memory, ticked by hand, and the raw frames to send them."""
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from operator import xor
 from typing import Any
@@ -11,32 +11,12 @@ import msgspec
 
 from segway_ecc.firmware_io.drives.odrive.messages import AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.odrive import Release, SimulatedOdrive
+from tests.recording_link import RecordingLink
 
 MS = 1_000_000
 IDLE, CLOSED = AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL
-
-
-class Recorder:
-    description = "recorded"
-    state = LinkState.ACTIVE
-    health: Mapping[str, str] = {}
-
-    def __init__(self) -> None:
-        self.counters = LinkCounters()
-        self.frames: list[Frame] = []
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def receive(self) -> list[Frame]:
-        return []
-
-    def send(self, frame: Frame) -> bool:
-        self.frames.append(frame)
-        return True
 
 
 class MemoryPort:
@@ -67,8 +47,8 @@ class Bench:
     def __init__(self, firmware: str = "0.5", release: Release | None = None, **changes: Any) -> None:
         wheel = {"node_id": 0, "axis": 0, "max_torque": 4.0, "torque_constant": 0.5}
         right = {**wheel, "node_id": 1, "axis": 1, "direction": -1, "gear_ratio": 2.0}
-        described = {"type": "odrive", "firmware": firmware, "left": wheel, "right": right, **changes}
-        self.link, self.port = Recorder(), MemoryPort()
+        described = {"type": "odrive", "firmware": firmware, "axes": {"left": wheel, "right": right}, **changes}
+        self.link, self.port = RecordingLink(), MemoryPort()
         settings = msgspec.convert(described, OdriveSettings)
         self.device = SimulatedOdrive(self.link, settings, self.port, release)
         self.left, self.right = self.device.axes

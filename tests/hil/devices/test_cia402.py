@@ -18,8 +18,10 @@ from tests.hil.devices.cia402_faults import latch_fault
 LEFT, RIGHT = 1, 2
 MS = 1_000_000
 SETTINGS = Cia402Settings(
-    left=Cia402WheelSettings(node_id=LEFT, counts_per_turn=4000, max_torque=5.0, gear_ratio=2.0, direction=-1),
-    right=Cia402WheelSettings(node_id=RIGHT, counts_per_turn=1000, max_torque=2.0, velocity_units_per_turn=60.0),
+    axes={
+        "left": Cia402WheelSettings(node_id=LEFT, counts_per_turn=4000, max_torque=5.0, gear_ratio=2.0, direction=-1),
+        "right": Cia402WheelSettings(node_id=RIGHT, counts_per_turn=1000, max_torque=2.0, velocity_units_per_turn=60.0),
+    },
 )
 WATCHDOG = "2316100132007f00"
 HEARTBEAT = (0x77F, "05")
@@ -86,7 +88,7 @@ class Bench:
         assert self.states() == [DriveState.OPERATION_ENABLED] * 2
 
     def states(self) -> list[DriveState]:
-        return [self.drives.left.state, self.drives.right.state]
+        return [self.drives.axes["left"].state, self.drives.axes["right"].state]
 
     def statusword(self) -> str:
         return dict(self.command_unchanged())[0x181][:4]
@@ -274,7 +276,7 @@ def test_the_state_machine_is_the_profiles(bench: Bench, path: list[int], state:
     bench.tick((0x000, "0100"))
     for controlword in path:
         bench.command(controlword)
-    assert bench.drives.left.state is state
+    assert bench.drives.axes["left"].state is state
     assert bench.statusword() == statusword
 
 
@@ -293,7 +295,7 @@ def test_a_quick_stop_that_stays_is_left_by_disabling_the_voltage_or_enabling(be
 
 def test_a_fault_is_reported_latched_and_reset_by_a_rising_edge(bench: Bench) -> None:
     bench.enable()
-    latch_fault(bench.drives.left)
+    latch_fault(bench.drives.axes["left"])
     assert bench.states()[0] is DriveState.FAULT_REACTION_ACTIVE
     assert (0x081, "1023030000000000") in bench.command(0x0F, 500)
     assert bench.torques[0] == 0.0
@@ -303,7 +305,7 @@ def test_a_fault_is_reported_latched_and_reset_by_a_rising_edge(bench: Bench) ->
         assert bench.states()[0] is DriveState.FAULT
     assert (0x081, "0000000000000000") in bench.command(0x80)
     assert bench.states()[0] is DriveState.SWITCH_ON_DISABLED
-    latch_fault(bench.drives.left)
+    latch_fault(bench.drives.axes["left"])
     bench.command(0x80)
     bench.command(0x80)
     assert bench.states()[0] is DriveState.FAULT
@@ -329,7 +331,7 @@ def test_the_watchdog_acts_by_object_6007_once_the_heartbeat_has_stopped(
     assert not any(identifier == 0x081 for identifier, _ in heard)
     heard = bench.tick(times=2)
     assert (0x081, "3081110000000000") in heard
-    assert bench.drives.left.state is state
+    assert bench.drives.axes["left"].state is state
     assert (bench.torques[0] == 0.0) == (option != 0)
     assert (0x701, "7f") in bench.tick(times=20)
 
@@ -370,11 +372,11 @@ def test_a_drive_without_supply_is_silent_and_comes_back_forgetful(bench: Bench)
     bench.enable()
     bench.outputs["left.angle"] = 3.0
     bench.command(0x0F, 500)
-    bench.drives.left.switch_off()
+    bench.drives.axes["left"].switch_off()
     assert all(identifier not in (0x181, 0x281, 0x701) for identifier, _ in bench.command(0x0F, 500))
-    latch_fault(bench.drives.left)
+    latch_fault(bench.drives.axes["left"])
     assert bench.torques[0] == 0.0
-    bench.drives.left.switch_on()
+    bench.drives.axes["left"].switch_on()
     assert (0x701, "00") in bench.tick()
     assert bench.ask("4064600000000000", "4016100100000000") == ["4364600000000000", "4316100100000000"]
     assert bench.states()[0] is DriveState.SWITCH_ON_DISABLED
@@ -389,7 +391,7 @@ def test_frames_of_others_change_nothing(bench: Bench) -> None:
             objects = {key: entry.value for key, entry in drive.slave.objects._objects.items()}
             return drive.state, drive.torque, drive.slave.nmt, objects
 
-        return of(bench.drives.left), of(bench.drives.right), bench.drives.refused_frames
+        return of(bench.drives.axes["left"]), of(bench.drives.axes["right"]), bench.drives.refused_frames
 
     listed = {0x000, 0x080, 0x201, 0x202, 0x601, 0x602, 0x77F}
     before = snapshot()

@@ -16,8 +16,10 @@ from segway_ecc.hil.devices.cia402 import SimulatedCia402
 from tests.hil.devices.cia402_faults import latch_fault
 
 SETTINGS = Cia402Settings(
-    left=Cia402WheelSettings(node_id=4, counts_per_turn=4000, max_torque=5.0),
-    right=Cia402WheelSettings(node_id=9, counts_per_turn=4000, max_torque=5.0),
+    axes={
+        "left": Cia402WheelSettings(node_id=4, counts_per_turn=4000, max_torque=5.0),
+        "right": Cia402WheelSettings(node_id=9, counts_per_turn=4000, max_torque=5.0),
+    },
 )
 
 
@@ -96,7 +98,7 @@ def test_the_librarys_state_machine_takes_it_to_operation_and_back(bus: Bus, nod
 
 
 def test_the_library_resets_a_fault(bus: Bus, node: BaseNode402) -> None:
-    latch_fault(bus.drives.left)
+    latch_fault(bus.drives.axes["left"])
     bus.tick()
     assert node.is_faulted()  # type: ignore[no-untyped-call]  # canopen's
     assert [(error.code, error.register) for error in node.emcy.active] == [(0x2310, 3)]

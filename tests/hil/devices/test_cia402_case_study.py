@@ -33,7 +33,7 @@ class Rig:
 
     def __init__(self) -> None:
         file = load_robot(ROBOT)
-        self.rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = LockstepRig.of(hardware_of(file))
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.hardware: Any = build_robot(file, self.rig, self.rig.bus.attach("node")).hardware
@@ -62,7 +62,7 @@ def rig() -> Rig:
 def test_armed_drives_give_and_report_the_requested_torque(rig: Rig) -> None:
     rig.arm()
     rig.cycle(0.3, -0.6, times=2)
-    assert (rig.drives.left.torque, rig.drives.right.torque) == pytest.approx((0.3, -0.6))
+    assert (rig.drives.axes["left"].torque, rig.drives.axes["right"].torque) == pytest.approx((0.3, -0.6))
     sensors = rig.cycle(0.3, -0.6)
     told = dict(zip(rig.hardware.signals, sensors.values, strict=True))
     assert (told["left.torque"], told["right.torque"]) == pytest.approx((0.3, -0.6))
@@ -73,9 +73,9 @@ def test_armed_drives_give_and_report_the_requested_torque(rig: Rig) -> None:
 def test_a_loop_that_stops_loses_its_torque_within_the_watchdogs_time(rig: Rig) -> None:
     rig.arm()
     rig.cycle(1.0, 1.0, times=3)
-    assert rig.drives.left.torque == pytest.approx(1.0, abs=0.001)
+    assert rig.drives.axes["left"].torque == pytest.approx(1.0, abs=0.001)
     rig.rig.sleep_until_ns(rig.rig.now_ns() + 53_000_000)
-    assert (rig.drives.left.torque, rig.drives.right.torque) == (0.0, 0.0)
+    assert (rig.drives.axes["left"].torque, rig.drives.axes["right"].torque) == (0.0, 0.0)
 
     faults = rig.cycle(1.0, 1.0).faults
     assert len(faults) >= 2
@@ -87,11 +87,11 @@ def test_a_loop_that_stops_loses_its_torque_within_the_watchdogs_time(rig: Rig) 
 def test_a_latched_fault_is_reported_stops_both_and_is_reset_by_arming(rig: Rig) -> None:
     rig.arm()
     rig.cycle(1.0, 1.0, times=2)
-    latch_fault(rig.drives.right)
+    latch_fault(rig.drives.axes["right"])
     sensors = rig.cycle(1.0, 1.0, times=2)
     assert any("right drive reports EMCY 0x2310 (current)" in fault for fault in sensors.faults)
-    assert rig.drives.right.torque == 0.0
-    assert rig.drives.left.torque == 0.0
+    assert rig.drives.axes["right"].torque == 0.0
+    assert rig.drives.axes["left"].torque == 0.0
     rig.hardware.disarm()
     rig.cycle(times=5)
     rig.hardware.arm()
@@ -102,31 +102,31 @@ def test_a_latched_fault_is_reported_stops_both_and_is_reset_by_arming(rig: Rig)
 def test_a_drive_that_was_switched_off_and_on_is_set_up_again_and_its_angle_goes_on(rig: Rig) -> None:
     rig.arm()
     rig.cycle(0.5, 0.5, times=30)
-    rig.drives.left.switch_off()
+    rig.drives.axes["left"].switch_off()
     assert rig.cycle(0.0, 0.0, times=5).faults
     rig.hardware.disarm()
     rig.cycle(times=200)
     angle = rig.cycle().values[0]
     assert angle > 5.0
-    rig.drives.left.switch_on()
+    rig.drives.axes["left"].switch_on()
     rig.cycle(times=100)
     values = rig.cycle().values
     assert values[0] >= angle
     rig.arm()
     rig.cycle(0.5, 0.5, times=3)
-    assert rig.drives.left.torque == pytest.approx(0.5, abs=0.001)
+    assert rig.drives.axes["left"].torque == pytest.approx(0.5, abs=0.001)
 
 
 def test_a_drive_that_restarts_while_armed_is_a_fault(rig: Rig) -> None:
     rig.arm()
-    rig.drives.left.switch_on()
+    rig.drives.axes["left"].switch_on()
     assert "the left drive has restarted" in rig.cycle(times=2).faults
-    assert rig.drives.left.torque == 0.0
+    assert rig.drives.axes["left"].torque == 0.0
 
 
 def test_drives_that_are_switched_on_after_the_node_refuse_arming() -> None:
     file = load_robot(ROBOT)
-    rig = LockstepRig(hardware_of(file).can.bitrate)
+    rig = LockstepRig.of(hardware_of(file))
     hardware: Any = build_robot(file, rig, rig.bus.attach("node")).hardware
     hardware.open()
     (drives,) = hardware._drives

@@ -81,16 +81,16 @@ def test_profile_torque_goes_to_its_target_with_the_slope() -> None:
     given = []
     for _ in range(5):
         bench.command(0x0F, 5)
-        given.append(bench.drives.left.torque)
+        given.append(bench.drives.axes["left"].torque)
     assert given == pytest.approx([step * 1.5e-3 for step in (2, 4, 5, 5, 5)])
     bench.command(0x06)
-    assert bench.drives.left.torque == 0.0
+    assert bench.drives.axes["left"].torque == 0.0
 
 
 def test_cyclic_torque_is_the_target_at_once() -> None:
     bench = enabled(DriveKind(modes=(4, 10)), SET_MODE_10)
     bench.command(0x0F, 500)
-    assert bench.drives.left.torque == pytest.approx(0.75)
+    assert bench.drives.axes["left"].torque == pytest.approx(0.75)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_a_wrong_period_is_told_by_emergency_and_in_the_error_register() -> None
 
 def test_the_error_register_shows_what_the_emergency_said_until_the_fault_is_reset() -> None:
     bench = booted()
-    latch_fault(bench.drives.left)
+    latch_fault(bench.drives.axes["left"])
     frames = bench.tick()
     assert (0x081, "1023030000000000") in frames
     assert bench.ask("4001100000000000") == ["4f01100003000000"]

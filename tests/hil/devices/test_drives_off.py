@@ -18,8 +18,11 @@ Truth = Callable[[Any], bool]
 FAMILIES: dict[str, Truth] = {
     "cart-can": lambda device: device.state.name == "ENABLED",
     "cart-odrive": lambda device: any(axis.state.name == "CLOSED_LOOP_CONTROL" for axis in device.axes),
-    "cart-vesc": lambda device: max(abs(device.left.current), abs(device.right.current)) > 0.55,
-    "cart-cia402": lambda device: device.left.torque != 0.0 or device.right.torque != 0.0,
+    "cart-vesc": lambda device: (
+        max(abs(device.controllers["left"].current), abs(device.controllers["right"].current)) > 0.55
+    ),
+    "cart-cia402": lambda device: device.axes["left"].torque != 0.0 or device.axes["right"].torque != 0.0,
+    "cart-moteus": lambda device: any(each.mode == 10 for each in device.controllers.values()),
 }
 """Of each the packaged robot, and whether its simulated motors really are on."""
 
@@ -29,7 +32,7 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         file = load_robot(name)
-        self.rig = LockstepRig(hardware_of(file).can.bitrate)
+        self.rig = LockstepRig.of(hardware_of(file))
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.link = FaultyLink(self.rig.bus.attach("node"))

@@ -36,7 +36,7 @@ def start(release: Release, angle: float, *, is_absolute: bool = False) -> tuple
     supply = None if release is Release.V0_5_4 else file.safety.supply
     safety = replace(file.safety, checklist=ChecklistSettings(), supply=supply)
     file = replace(file, arming="on_request", hardware=hardware, safety=safety)
-    rig = LockstepRig(hardware.can.bitrate)
+    rig = LockstepRig.of(hardware)
     end = rig.bus.attach("drives")
     device = SimulatedOdrive(end, hardware, release=release)
     for axis in device.axes:

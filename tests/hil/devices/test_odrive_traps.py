@@ -19,7 +19,7 @@ class Cart:
         file = load_robot("cart-odrive")
         assert isinstance(file.hardware, OdriveSettings)
         settings = replace(file.hardware, firmware=release.firmware.value)
-        self.rig = LockstepRig(settings.can.bitrate)
+        self.rig = LockstepRig.of(settings)
         end = self.rig.bus.attach("drives")
         self.device = SimulatedOdrive(end, settings, release=release)
         self.rig.attach(SimulatedRobot(end, [self.device], simulated_plant(file), TICK_NS))

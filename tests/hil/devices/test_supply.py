@@ -12,7 +12,7 @@ from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.robot import build_robot
 
 CYCLE_NS = 10_000_000
-CARTS = ("cart-can", "cart-odrive", "cart-vesc", "cart-cia402")
+CARTS = ("cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus")
 PLANT = "truth.supply_voltage"
 
 
@@ -21,14 +21,15 @@ class Bench:
 
     def __init__(self, name: str, device: type[SimulatedCia402] | None = None, **options: Any) -> None:
         file: RobotFile = load_robot(name)
-        self.rig = LockstepRig(hardware_of(file).can.bitrate)
-        end = self.rig.bus.attach("plant")
-        self.robot = simulated_robot(file, end)
+        self.rig = LockstepRig.of(hardware_of(file))
+        ends = self.rig.ends(hardware_of(file))
+        end = ends.devices
+        self.robot = simulated_robot(file, end, ends.port)
         if device is not None:
             drives = device(end, file.hardware, **options)  # type: ignore[arg-type]  # whose settings the file has
             self.robot = SimulatedRobot(end, [drives], self.robot.plant, self.robot.tick_ns)
         self.rig.attach(self.robot)
-        self.hardware: Any = build_robot(file, self.rig, self.rig.bus.attach("node")).hardware
+        self.hardware: Any = build_robot(file, self.rig, ends.node).hardware
         self.place = list(self.hardware.signals).index("supply.voltage")
         self.hardware.open()
 
@@ -58,7 +59,7 @@ def test_the_plants_supply_is_measured_within_a_third_of_a_second(name: str) -> 
         assert bench.supply() == (volts, True)
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
 def test_the_segways_battery_is_the_robots_supply(name: str) -> None:
     bench = Bench(name)
     volts, is_valid = bench.supply()
@@ -98,9 +99,9 @@ def test_a_drive_that_was_off_and_is_set_up_again_reports_its_supply_again() -> 
     bench.cycle(30)
     drives = bench.robot.devices[0]
     assert isinstance(drives, SimulatedCia402)
-    drives.left.switch_off()
+    drives.axes["left"].switch_off()
     assert bench.supply(150)[1] is False
-    drives.left.switch_on()
+    drives.axes["left"].switch_on()
     bench.robot.stuck[PLANT] = 20.0
     assert bench.supply(200) == (20.0, True)
     assert bench.hardware.arming_failures() == []

@@ -34,7 +34,7 @@ LEFT = VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max
 RIGHT = VescWheelSettings(
     controller_id=2, pole_pairs=7, torque_constant=0.1, max_torque=3.0, gear_ratio=2.0, direction=-1
 )
-SETTINGS = VescSettings(left=LEFT, right=RIGHT, timeout_set_s=0.05)
+SETTINGS = VescSettings(axes={"left": LEFT, "right": RIGHT}, timeout_set_s=0.05)
 RESTING = {"left.angle": 0.0, "left.velocity": 0.0, "right.angle": 0.0, "right.velocity": 0.0}
 
 
@@ -84,7 +84,7 @@ class Bench:
             self.vesc.send_telemetry(self.now_ns, self.outputs)
 
     def has_timed_out(self) -> bool:
-        return self.vesc.left.has_timed_out
+        return self.vesc.controllers["left"].has_timed_out
 
     def heard(self) -> list[Frame]:
         self.now_ns += 1_000
@@ -147,7 +147,7 @@ def test_each_mode_asks_for_a_current_within_the_limit(
     bench.outputs = RESTING | {"left.velocity": 30.0}  # 30 * 7 * 60 / tau = 2005 electrical turns a minute
     bench.send(command, payload)
     bench.run(20)
-    assert bench.vesc.left.current == pytest.approx(amperes, abs=1e-4)
+    assert bench.vesc.controllers["left"].current == pytest.approx(amperes, abs=1e-4)
 
 
 def test_a_brake_at_rest_gives_no_torque(bench: Bench) -> None:
@@ -193,7 +193,7 @@ def test_a_time_out_may_brake() -> None:
     bench = Bench(Firmware(timeout_s=0.05, timeout_brake_current=5.0))
     bench.outputs = RESTING | {"left.velocity": -3.0}
     bench.run(80)
-    assert bench.vesc.left.current == pytest.approx(5.0, abs=1e-3)
+    assert bench.vesc.controllers["left"].current == pytest.approx(5.0, abs=1e-3)
 
 
 def test_a_new_controller_waits_a_second_and_sends_nothing() -> None:
@@ -246,7 +246,7 @@ def test_the_tachometer_wraps(bench: Bench) -> None:
 
 @pytest.mark.parametrize("fault", [VescFault.OVER_VOLTAGE, VescFault.OVER_TEMPERATURE])
 def test_a_fault_frees_the_motor_for_half_a_second(bench: Bench, fault: VescFault) -> None:
-    bench.vesc.left.fail(fault)
+    bench.vesc.controllers["left"].fail(fault)
     for tick in range(501):
         bench.send(PacketId.SET_CURRENT, Current(10.0))
         if tick == 499:
@@ -276,7 +276,9 @@ def test_the_uart_reaches_both(bench: Bench, controller_id: int) -> None:
 
 
 def test_the_uart_may_be_that_of_the_right_controller() -> None:
-    bench = Bench(settings=VescSettings(left=LEFT, right=RIGHT, timeout_set_s=0.05, serial_controller="right"))
+    bench = Bench(
+        settings=VescSettings(axes={"left": LEFT, "right": RIGHT}, timeout_set_s=0.05, serial_controller="right")
+    )
     bench.port.to_device = frame_packet(bytes.fromhex("0600002710"))
     bench.run(20)
     assert bench.torques == pytest.approx((0.0, -2.0))
@@ -306,7 +308,7 @@ def test_a_sign_of_life_feeds_the_time_out(bench: Bench) -> None:
         bench.port.to_device = frame_packet(b"\x1e")
         bench.run(20)
     assert not bench.has_timed_out()
-    assert bench.vesc.right.has_timed_out
+    assert bench.vesc.controllers["right"].has_timed_out
     assert bench.ask("flags") == {"flags": 0}
     assert bench.ask("flags", controller_id=2) == {"flags": 1}
 

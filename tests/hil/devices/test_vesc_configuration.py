@@ -87,7 +87,7 @@ def test_limits_of_current_and_speed_hold_for_driving_and_for_braking(
     bench.outputs = RESTING | {"left.velocity": velocity}
     bench.send(PacketId.SET_CURRENT, Current(asked))
     bench.run(20)
-    assert bench.vesc.left.current == pytest.approx(amperes, abs=0.01)
+    assert bench.vesc.controllers["left"].current == pytest.approx(amperes, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_a_robot_can_be_armed_within_two_seconds(*, answers: bool) -> None:
     settings = file.hardware
     rate_hz = settings.status_rate_hz
     firmware = Firmware(settings.timeout_set_s, status={1: rate_hz, 5: rate_hz}, answers_configuration=answers)
-    rig = LockstepRig(settings.can.bitrate)
+    rig = LockstepRig.of(settings)
     end = rig.bus.attach("drives")
     rig.attach(SimulatedRobot(end, [SimulatedVesc(end, settings, None, firmware)], simulated_plant(file), TICK_NS))
     hardware = build_robot(file, rig, rig.bus.attach("node")).hardware

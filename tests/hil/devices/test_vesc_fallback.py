@@ -113,7 +113,9 @@ class Bench:
 
 @pytest.fixture(params=["left", "right"])
 def bench(request: pytest.FixtureRequest) -> Bench:
-    settings = VescSettings(left=LEFT, right=RIGHT, timeout_set_s=0.05, serial=SERIAL, serial_controller=request.param)
+    settings = VescSettings(
+        axes={"left": LEFT, "right": RIGHT}, timeout_set_s=0.05, serial=SERIAL, serial_controller=request.param
+    )
     return Bench(settings)
 
 
@@ -145,7 +147,7 @@ def test_a_fault_is_reported_over_the_uart_too(bench: Bench) -> None:
     bench.arm()
     bench.plug.is_pulled = True
     bench.cycles(20)
-    bench.vesc.right.fail(VescFault.OVER_VOLTAGE)
+    bench.vesc.controllers["right"].fail(VescFault.OVER_VOLTAGE)
     bench.cycles(3)
     assert bench.sensors.faults == ("the right VESC (id 2) reports over-voltage (fault 1)",)
 

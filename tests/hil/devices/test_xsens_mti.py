@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import math
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -120,6 +121,17 @@ def test_a_sensor_that_hangs_sends_the_same_set_again_and_again() -> None:
     bench.imu.frozen = False
     bench.tick()
     assert bench.heard()[-2].data[:2] == struct.pack(">h", 3 * 512)
+
+
+def test_it_sleeps_from_one_set_to_the_next() -> None:
+    bench = Bench(tick_ms=1, period_s=0.005)
+    bench.tick()
+    begun_ns = bench.now_ns
+    assert bench.imu.next_ns == begun_ns + 5 * MS
+    bench.tick(7)
+    assert bench.imu.next_ns == begun_ns + 10 * MS
+    bench.imu.powered = False
+    assert bench.imu.next_ns == -math.inf
 
 
 def test_a_sensor_that_is_switched_off_is_silent_and_begins_anew_when_switched_on() -> None:

@@ -66,7 +66,7 @@ def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, clear_at: int
     assert not isinstance(hardware, NoHardwareSection)
     serial = serial_of(hardware)
     assert isinstance(serial, SerialSettings)
-    rig = LockstepRig(hardware_of(file).can.bitrate)
+    rig = LockstepRig.of(hardware_of(file))
     wires = SimulatedSerial(serial.baudrate, rig.now_ns)
     plant = simulated_robot(file, rig.bus.attach("plant"), wires.device)
     rig.attach(plant)
@@ -119,7 +119,7 @@ def test_the_bus_that_comes_back_is_not_taken_while_the_robot_is_armed() -> None
 
 def test_a_fault_without_a_serial_line_to_fall_back_on_stops_the_motors() -> None:
     file = load_robot("cart-can")
-    rig = LockstepRig(hardware_of(file).can.bitrate)
+    rig = LockstepRig.of(hardware_of(file))
     plant = simulated_robot(file, rig.bus.attach("plant"))
     rig.attach(plant)
     bus = FaultyLink(rig.bus.attach("node"))

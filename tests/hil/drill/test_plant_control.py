@@ -18,9 +18,11 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelComma
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.local_bus import LocalBus
-from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
+from segway_ecc.hil.drill.plant_control import DisturbedLink, DisturbedPort, LineReader, PlantControl
+from segway_ecc.hil.rig.no_bus import NoBus
 from segway_ecc.hil.rig.simulated_bus import SimulatedLink
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import LockstepRig, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.testing import START_NS, ScriptedClock
@@ -286,3 +288,25 @@ def test_the_plant_obeys_traces_and_ends_with_whoever_controls_it(tmp_path: Path
     assert len(rows) == json.loads(out)["ticks"]
     assert {value for row in rows for value in row[2:]} == {"0.0"}
     assert int(rows[0][0]) < int(stamp) < int(rows[-1][0])
+
+
+def test_a_serial_line_in_place_of_a_bus_is_disturbed_as_that_is() -> None:
+    now_ns = 0
+    wires, link = SimulatedSerial(115_200, lambda: now_ns), DisturbedLink(NoBus())
+    port = DisturbedPort(wires.device, link)
+
+    def pass_both_ways() -> tuple[bytes, bytes]:
+        nonlocal now_ns
+        wires.host.write(b"forth")
+        assert port.write(b"back") == 4
+        now_ns += 10_000_000
+        return port.read(port.in_waiting), wires.host.read(100)
+
+    assert pass_both_ways() == (b"forth", b"back")
+    link.disturbance = "mute"
+    assert pass_both_ways() == (b"forth", b"")
+    link.disturbance = "cut"
+    assert pass_both_ways() == (b"", b"")
+    link.disturbance = None
+    assert pass_both_ways() == (b"forth", b"back")
+    port.close()

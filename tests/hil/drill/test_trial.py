@@ -11,6 +11,7 @@ from segway_ecc.hil.drill import trial
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.plant_control import Torque
 from segway_ecc.hil.drill.trial import FAULTS, DrillOutcome, DrillResult, worst
+from segway_ecc.node.config import load_robot
 
 pytestmark = pytest.mark.real_time
 
@@ -93,6 +94,36 @@ def test_a_stopped_node_leaves_the_motors_off_also_when_it_goes_on(tmp_path: Pat
     assert found.torque.last_s < 0.6
     # In the line of the fault or, where the run ends before that is written, in that of the end.
     assert any("FAULT: this node sent no command for" in line for line in found.messages), found.messages
+
+
+@pytest.mark.parametrize("fault", ["node killed", "node stopped"])
+def test_the_guard_ends_torque_on_a_serial_line_that_is_all_there_is(tmp_path: Path, fault: str) -> None:
+    """The board itself would drive on for 0.8 s: what ends it sooner is the guard."""
+    where = DrillSetup(
+        "cart-hoverboard",
+        ["--serial", str(tmp_path / "line")],
+        serial=False,
+        guard=True,
+        stepped=False,
+        folder=tmp_path / "drill",
+    )
+    found = trial.run(FAULTS[fault], where)
+
+    assert found.torque is not None, found.note
+    assert found.outcome == "torque ends"
+    assert found.torque.last_s < 0.6, "generous, since the machine may be busy"
+    assert lines(found.messages, "guard: stopping the drives: the node's heartbeats stopped"), found.messages
+
+
+def test_a_drive_that_waits_for_long_is_given_its_time_where_nobody_else_ends_torque() -> None:
+    def limit(fault: str, robot: str, *, guard: bool) -> float:
+        return trial.limit_s(FAULTS[fault], load_robot(robot), guard=guard)
+
+    assert limit("cable cut", "cart-hoverboard", guard=True) == pytest.approx(0.825, abs=0.001)
+    assert limit("node killed", "cart-hoverboard", guard=False) == pytest.approx(0.825, abs=0.001)
+    assert limit("node killed", "cart-hoverboard", guard=True) == 0.05
+    assert {limit(fault, "cart-can", guard=False) for fault in ("cable cut", "node killed")} == {0.05}
+    assert limit("drives mute", "segway", guard=True) == pytest.approx(0.1)
 
 
 def test_a_full_disk_is_reported_and_the_robot_drives_on(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.endurance import endurance
 from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Leg, programme
 from segway_ecc.hil.endurance.endurance import EndurancePlan, Stretch, Trip, drive, drive_seed, endure
@@ -132,7 +133,7 @@ def test_how_many_processes_there_are_changes_nothing() -> None:
 def test_on_an_interface_both_ends_are_the_kernels_and_the_seeds_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, str]] = []
 
-    def ends(rig: LockstepRig, channels: tuple[str, str], _bitrate: int) -> tuple[Link, Link]:
+    def ends(rig: LockstepRig, channels: tuple[str, str], _can: CanSettings) -> tuple[Link, Link]:
         asked.append(channels)
         return rig.bus.attach("node"), rig.bus.attach("plant")
 

@@ -39,7 +39,9 @@ def test_without_an_amount_the_usual_one_holds() -> None:
         ("{target: can, type: stuck, at_s: 1, every_s: 1}", "every_s needs a for_s that is shorter"),
         ("{target: can, type: stuck, at_s: 1, for_s: 1, every_s: 1}", "every_s needs a for_s that is shorter"),
         ("{target: parameter, type: wrong, at_s: 1}", "a parameter needs one"),
-        ("{target: can, type: stuck, at_s: 1, name: Track}", "nothing else has one"),
+        ("{target: can, type: stuck, at_s: 1, name: Track}", "an IMU that is wrong may have one"),
+        ("{target: imu, type: stuck, at_s: 1, name: angular_velocity_x}", "an IMU that is wrong may have one"),
+        ("{target: imu, type: wrong, at_s: 1, name: gyro}", "is one of angular_velocity_x, angular_velocity_y, "),
         ("{target: can, type: stuck, at_s: 1, since: noon}", "since"),
     ],
 )

@@ -91,3 +91,16 @@ def test_a_fault_since_power_on_does_not_wait_for_the_robot_to_be_armed() -> Non
             faults.timeline.start()
     assert active == [*range(100, 200)]
     assert faults.first_ns == 0
+
+
+def test_faults_that_are_declared_later_join_those_that_were_handed_out() -> None:
+    clock = Clock()
+    given = Fault(target="can", type="off", at_s=0.1)
+    late = Injections([], 0, clock.now_ns)
+    of_can, of_imu = late.of("can"), late.of("imu", "battery")
+    late.declare([given, Fault(target="imu", type="off", at_s=0.2)], 7)
+    assert [injection.fault for injection in of_can] == [given]
+    assert [injection.fault.target for injection in of_imu] == ["imu"]
+    at_once = Injections([given], 7, clock.now_ns)
+    assert late.first_ns == at_once.first_ns
+    assert of_can[0].random.random() == at_once.of("can")[0].random.random()

@@ -18,7 +18,7 @@ from segway_ecc.node.errors import ConfigurationError, ModelError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.sequence.manoeuvre import Segment
 
-ROBOTS = [name for name in packaged_robots() if name != "cart"]
+ROBOTS = [name for name in packaged_robots() if name.startswith(("cart-", "segway"))]
 SLOW = Fault(target="model", type="slow", at_s=0.5, for_s=0.5, amount=0.003)
 SWINGS = Fault(target="model", type="oscillating", at_s=0.5, for_s=0.5, amount=3.0)
 EXCEEDS = Fault(target="model", type="wrong", at_s=0.6)

@@ -51,6 +51,16 @@ def run(target: Target, kind: Type, amount: float | None = None, push: float = 2
     return rows
 
 
+@pytest.mark.parametrize(("name", "shown"), [("angular_velocity_y", 5.5), ("angular_velocity_z", 5)])
+def test_a_signal_of_the_imu_may_be_wrong_alone(name: str, shown: float) -> None:
+    faults = Injections([Fault(target="imu", type="wrong", at_s=0.0, amount=0.5, name=name)], 0, lambda: 0)
+    plant = DisturbedPlant(Counter(), faults)
+    plant.initialize([0.0, 0.0])
+    faults.timeline.start()
+    rows = [plant.step([2.0, 3.0]) for _ in range(5)]
+    assert rows[-1][:4] == [5, 5, shown, 5]
+
+
 def test_what_is_exchanged_is_the_wheels_or_the_axes() -> None:
     now = [0]
     faults = Injections(

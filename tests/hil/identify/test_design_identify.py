@@ -58,10 +58,13 @@ def test_it_finds_the_robot_and_writes_its_file(log: Path, tmp_path: Path, segwa
     assert low is not None
     assert high is not None
     assert low < radius < high
-    assert f"gravity: {{wheel_radius: {radius}," in out.read_text()
+    assert file.geometry.wheel_radius == radius
     assert file.safety is not None
+    assert file.safety.gravity is not None
+    assert file.safety.gravity.wheel_radius == radius
     residual = file.safety.residual
     assert residual is not None
     assert residual.moment == pytest.approx(found["BodyMass"]["found"] * found["BodyHeightOfCentre"]["found"], rel=1e-5)
     assert file.model.parameters["PitchGain"] != before.model.parameters["PitchGain"]
-    assert structs.replace(file, model=before.model, safety=before.safety, simulation=before.simulation) == before
+    kept = {name: getattr(before, name) for name in ("geometry", "model", "safety", "simulation")}
+    assert structs.replace(file, **kept) == before

@@ -209,6 +209,39 @@ def test_shows_the_newest_that_has_arrived_until_another_does() -> None:
     assert shown[6] == shown[7] == shown[9]  # one sample, one noise
 
 
+@pytest.mark.parametrize("latency", [0.0, 2 * H])
+@pytest.mark.parametrize("looks_every", [2, 5])
+def test_what_nobody_looks_at_changes_nothing_of_the_rest(latency: float, looks_every: int) -> None:
+    errors = dataclasses.replace(ImuErrors(), latency=latency)
+    one, other = Imu(errors, H, 3, STILL), Imu(errors, H, 3, STILL)
+    for step in range(1, 40):
+        sample = (float(step), 0.0, 0.0, 0.0, 0.0, 0.0)
+        for imu in (one, other):
+            if step % 3:  # some are missing
+                imu.add_sample(step, sample)
+        shown = one.show(step)
+        if step % looks_every:
+            other.pass_over(step)
+        else:
+            assert other.show(step) == shown
+
+
+def test_a_sample_that_nobody_looks_at_is_not_worked_out() -> None:
+    asked: list[object] = []
+
+    def motion_of(sample: object) -> Sequence[float]:
+        asked.append(sample)
+        return STILL
+
+    imu = Imu(dataclasses.replace(ImuErrors(), latency=0.0), H, 1, "first", motion_of)
+    for step in range(1, 4):
+        imu.add_sample(step, step)
+        imu.pass_over(step)
+    imu.show(3)
+    imu.show(3)
+    assert asked == ["first", 3]
+
+
 @pytest.mark.parametrize("steps", range(1, MOST_STEPS + 1))
 def test_an_encoder_follows_a_cubic_way_as_if_sampled_at_each_step(steps: int) -> None:
     """Hermite interpolation is exact for polynomials of third degree."""

@@ -226,6 +226,20 @@ def test_the_same_steps_give_the_same_bits() -> None:
     assert seen(1, 2, 5, 10) == seen(1, 2, 5, 10)
 
 
+@pytest.mark.parametrize("errors", [0.0, 1.0])
+def test_steps_that_nobody_looks_at_are_the_same_but_for_what_the_imu_shows(errors: float) -> None:
+    one, other = (SegwayPlant({"InitialPitch": 0.05, "SensorErrors": errors}) for _ in range(2))
+    for plant in (one, other):
+        plant.initialize(REST)
+    for step in range(60):
+        expected = one.advance((0.3, 0.2), 1)
+        if step % 5 == 4:
+            assert other.advance((0.3, 0.2), 1) == expected
+        else:
+            found = list(other.advance_unseen((0.3, 0.2), 1))
+            assert found[:4] + found[10:] == expected[:4] + expected[10:]
+
+
 def test_time_goes_on_by_all_the_steps() -> None:
     plant = SegwayPlant(PERFECT)
     plant.initialize(REST)

@@ -2,6 +2,7 @@
 import pytest
 
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.rig import fronts
 from segway_ecc.hil.rig.fronts import PacedLink, kernel_ends
 from segway_ecc.hil.rig.simulation import LockstepRig
@@ -92,11 +93,11 @@ def test_is_otherwise_the_link_itself() -> None:
 def test_each_end_waits_for_the_other_on_the_rigs_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, made = LockstepRig(500_000), list[object]()
 
-    def make(*words: object) -> Link:
-        made.append(words)
+    def make(*words: object, fd_bitrate: int | None) -> Link:
+        made.append((*words, fd_bitrate))
         return rig.bus.attach("any")
 
     monkeypatch.setattr(fronts, "make_can_link", make)
-    robot, plant = kernel_ends(rig, ("can0", "can1"), 250_000)
+    robot, plant = kernel_ends(rig, ("can0", "can1"), CanSettings(bitrate=250_000, fd=True, data_bitrate=2_000_000))
     assert (robot.other, plant.other) == (plant, robot)
-    assert made == [("socketcan", name, 250_000, rig.now_ns, rig.wall_ns) for name in ("can0", "can1")]
+    assert made == [("socketcan", name, 250_000, rig.now_ns, rig.wall_ns, 2_000_000) for name in ("can0", "can1")]

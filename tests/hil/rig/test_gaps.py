@@ -44,7 +44,7 @@ def run(name: str, gap_ms: int, ride_through_s: float | None = None) -> tuple[Lo
     file = load_robot(name)
     if ride_through_s is not None:
         file = replace(file, hardware=replace(file.hardware, ride_through_s=ride_through_s))
-    rig = LockstepRig(hardware_of(file).can.bitrate)
+    rig = LockstepRig.of(hardware_of(file))
     plant = simulated_robot(file, rig.bus.attach("plant"))
     link = FaultyLink(rig.bus.attach("node"))
     robot = build_robot(file, rig, link)
@@ -61,7 +61,7 @@ def run(name: str, gap_ms: int, ride_through_s: float | None = None) -> tuple[Lo
     return loop, max(tilts), dict(robot.hardware.health)
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
 def test_a_gap_of_50_ms_is_balanced_through_and_counted(name: str) -> None:
     loop, tilt, health = run(name, 50)
 
@@ -73,7 +73,7 @@ def test_a_gap_of_50_ms_is_balanced_through_and_counted(name: str) -> None:
     assert all(50.0 <= each <= 70.0 for each in longest)
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
 def test_a_longer_one_is_a_fault(name: str) -> None:
     loop, _, _ = run(name, 90)
 
@@ -81,7 +81,7 @@ def test_a_longer_one_is_a_fault(name: str) -> None:
     assert "too old" in loop.modes.reason
 
 
-@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("name", ["segway", "segway-odrive", "segway-moteus"])
 def test_without_the_setting_20_ms_are_enough_to_drop_it(name: str) -> None:
     loop, tilt, _ = run(name, 20, 0.0)
 

@@ -63,7 +63,7 @@ def test_it_tracks_1_m_per_s_and_1_rad_per_s_and_sits_down_on_request() -> None:
     assert impact < 1.2  # falling freely it would be some 4.5 rad/s
 
 
-@pytest.mark.parametrize("robot", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("robot", ["segway", "segway-odrive", "segway-moteus", "segway-hoverboard"])
 def test_no_write_of_a_parameter_makes_it_fall_and_its_limits_are_tuned_while_it_drives(robot: str) -> None:
     balance = Balance(load_robot(robot), pitch=STOP)
     truth = balance.run(

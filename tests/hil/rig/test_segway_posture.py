@@ -15,7 +15,7 @@ from segway_ecc.node.safety.settings import PostureSettings
 STOP = PUBLISHED.stop_angle
 PERIOD = 0.005
 UP = [Posture.RESTING, Posture.STANDING_UP, Posture.BALANCING]
-ROBOTS = pytest.mark.parametrize("robot", ["segway", "segway-odrive"])
+ROBOTS = pytest.mark.parametrize("robot", ["segway", "segway-odrive", "segway-moteus", "segway-hoverboard"])
 
 
 def story(balance: Balance) -> list[Posture | None]:

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -94,6 +95,30 @@ class Motors:
         self.calls.append(("tell", now_ns, outputs["steps"]))
 
 
+class Sleeper(Motors):
+    """Needs no pass before a time, and sets the next one in each pass."""
+
+    next_ns = -math.inf
+    period_ns = 3 * TICK_NS
+
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        super().send_telemetry(now_ns, outputs)
+        self.next_ns = now_ns + self.period_ns
+
+
+class UnseenPlant(Plant):
+    """Knows which of its steps nobody looked at."""
+
+    def initial(self) -> None:
+        super().initial()
+        self.unseen: list[int] = []
+
+    def advance_unseen(self, u: Sequence[float], steps: int) -> Sequence[float]:
+        assert steps == 1
+        self.unseen.append(len(self.given))
+        return self.step(u)
+
+
 class LosableLink(LinkFront):
     """A link that is lost while it is told to be."""
 
@@ -108,14 +133,14 @@ class LosableLink(LinkFront):
 class Bench:
     """Two devices before a plant, on a bus so fast that what is sent has arrived before the next tick."""
 
-    def __init__(self, plant: Plant | None = None) -> None:
+    def __init__(self, plant: Plant | None = None, motors: type[Motors] = Motors) -> None:
         self.now_ns = 0
         bus = SimulatedBus(1_000_000_000, lambda: self.now_ns)
         self.host: SimulatedLink = bus.attach("host")
         self.link = LosableLink(bus.attach("devices"))
         self.plant = plant or Plant()
-        self.drive = Motors(["right", "left"], (2.0, 1.0), ["steps"])
-        self.lift = Motors(["lift"], (3.0,), ["height"])
+        self.drive = motors(["right", "left"], (2.0, 1.0), ["steps"])
+        self.lift = motors(["lift"], (3.0,), ["height"])
         devices: Sequence[Device] = [self.drive, self.lift]
         self.robot = SimulatedRobot(self.link, devices, self.plant, TICK_NS)
 
@@ -211,6 +236,55 @@ def test_every_device_receives_every_frame_oldest_first_and_once(bench: Bench) -
     bench.tick(2)
     for device in (bench.drive, bench.lift):
         assert [[frame.arbitration_id for frame in frames] for frames in device.heard] == [[0x300, 0x100], []]
+
+
+def passes(bench: Bench) -> list[int]:
+    """The ticks in which the lift had a pass."""
+    return [now_ns // TICK_NS for call, now_ns, _ in bench.lift.calls if call == "obey"]
+
+
+def test_while_all_devices_sleep_the_plant_goes_on_with_what_they_gave() -> None:
+    bench = Bench(motors=Sleeper)
+    bench.tick(8)
+    assert passes(bench) == [1, 4, 7]
+    assert [steps for call, _, steps in bench.lift.calls if call == "tell"] == [1.0, 4.0, 7.0]
+    assert bench.plant.given[1:] == [(1.0, 2.0, 3.0)] * 8
+
+
+def test_a_frame_wakes_them_up() -> None:
+    bench = Bench(motors=Sleeper)
+    bench.tick(2)
+    bench.host.send(Frame(0x300, b"x"))
+    bench.tick(4)
+    assert passes(bench) == [1, 3, 6]
+    assert [frame.arbitration_id for frame in bench.lift.heard[1]] == [0x300]
+
+
+def test_one_that_is_due_wakes_all_and_one_that_never_sleeps_keeps_all_awake() -> None:
+    bench = Bench(motors=Sleeper)
+    bench.lift.period_ns = 2 * TICK_NS  # type: ignore[attr-defined]
+    bench.tick(7)
+    assert passes(bench) == [1, 3, 5, 7]
+    bench.lift.next_ns = -math.inf  # type: ignore[attr-defined]
+    bench.tick()
+    assert passes(bench)[-1] == 8
+
+
+@pytest.mark.parametrize(("plant", "unseen"), [(UnseenPlant, [2, 3, 5, 6]), (Plant, [])])
+def test_a_plant_knows_when_nobody_looks(plant: type[Plant], unseen: list[int]) -> None:
+    bench = Bench(plant(), Sleeper)
+    bench.tick(7)
+    assert getattr(bench.plant, "unseen", []) == unseen
+    assert len(bench.plant.given[1:]) == 7
+
+
+def test_a_plant_that_steps_seldom_is_always_seen() -> None:
+    class Coarse(UnseenPlant):
+        step_size = 2 * TICK_NS * 1e-9
+
+    bench = Bench(Coarse(), Sleeper)
+    bench.tick(6)
+    assert bench.plant.unseen == []  # type: ignore[attr-defined]
 
 
 def test_refused_frames_are_those_of_all_devices(bench: Bench) -> None:

@@ -22,7 +22,7 @@ CAN = CanSettings(interface="virtual", channel="bench", bitrate=250_000)
 
 def test_the_bus_is_the_robots_own() -> None:
     file = structs.replace(load_robot("cart-can"), hardware=WheelBoardSettings(can=CAN))
-    assert hardware_of(file).can == CAN
+    assert hardware_of(file).line == CAN
 
 
 def test_a_robot_that_is_all_model_has_no_bus() -> None:

@@ -7,13 +7,12 @@ import pytest
 from can.interfaces import virtual
 from msgspec import structs
 
-from segway_ecc.firmware_io.build import can_link
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.hil.rig.simulation import RealTimePlant, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import RealTimePlant, devices_link, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
 
 MS = 1_000_000
@@ -57,7 +56,7 @@ class Watch:
 
 def made(file: RobotFile, clock: Clock) -> RealTimePlant:
     """The plant of a robot file on the robot's own bus."""
-    link = can_link(hardware_of(file).can, clock)
+    link = devices_link(hardware_of(file), clock)
     return RealTimePlant(simulated_robot(file, link), clock)
 
 

@@ -2,8 +2,10 @@
 """`segway-ecc design commission` on a simulated robot."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import pytest
 
 from segway_ecc.node.commissioning import read_report
 from tests.command import Outcome
@@ -43,9 +45,13 @@ def test_unknown_error_is_refused(segway_ecc: Callable[..., Outcome]) -> None:
     assert outcome.errors == ["segway-ecc: --error: there is no 'gremlins'; --error list names them"]
 
 
-def test_error_of_a_real_robot_is_refused(segway_ecc: Callable[..., Outcome]) -> None:
-    outcome = segway_ecc("design", "commission", "segway", "--error", "drives swapped")
+@pytest.mark.parametrize("words", [("--error", "drives swapped"), ("--kill",)])
+def test_options_of_a_simulated_robot_are_refused_for_a_real_one(
+    segway_ecc: Callable[..., Outcome], words: Sequence[str]
+) -> None:
+    outcome = segway_ecc("design", "commission", "segway", *words)
     assert outcome.code == 2
+    assert outcome.errors == [f"segway-ecc: {words[0]} is of a simulated robot: add --simulated"]
 
 
 def test_robot_that_is_no_segway_is_refused(segway_ecc: Callable[..., Outcome]) -> None:

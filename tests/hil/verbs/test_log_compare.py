@@ -34,7 +34,9 @@ def recorded(tmp_path: Path) -> Record:
 
 
 @pytest.mark.variants(1)
-@pytest.mark.parametrize("robot", ["cart-can", "cart-odrive", "cart-cia402", "cart-vesc"])
+@pytest.mark.parametrize(
+    "robot", ["cart-can", "cart-odrive", "cart-cia402", "cart-vesc", "cart-hoverboard", "cart-moteus"]
+)
 def test_a_cart_is_simulated_in_one(recorded: Record, robot: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["log", "compare", str(recorded(robot)), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

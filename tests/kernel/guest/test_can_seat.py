@@ -184,7 +184,7 @@ def test_the_case_study_takes_turns_on_the_interface(tmp_path: Path) -> None:
     assert RealTimeCanSeat(tmp_path, tmp_path).jobs == 1
 
 
-@pytest.mark.parametrize("name", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"])
+@pytest.mark.parametrize("name", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402", "cart-moteus"])
 def test_frames_over_vcan_drive_the_cart_as_those_of_the_simulated_bus_do(name: str) -> None:
     """Controller and plant on a simulated clock, with the kernel between them: no load can disturb this one."""
     manoeuvre = single_segment(2.0, 2.0, 2.0)

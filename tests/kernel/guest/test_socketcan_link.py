@@ -300,3 +300,18 @@ def test_what_the_kernel_knows_of_a_virtual_interface_is_its_kind() -> None:
     with opened(over_raw_socket("vcan0")) as link:
         assert link.health["interface"] == "vcan: no controller that reports"
         assert link.health["state"] == "active"
+
+
+def test_frames_of_can_fd_pass_between_the_ways_and_not_to_who_takes_classic_ones() -> None:
+    sent = Frame(0x8001, bytes(range(48)), is_extended=True, is_fd=True)
+    raw = make_can_link("socketcan", "vcan0", BITRATE, fd_bitrate=5_000_000)
+    through = make_python_can_link("socketcan", "vcan0", BITRATE, fd_bitrate=5_000_000)
+    with opened(raw), opened(through), opened(over_raw_socket("vcan0")) as classic:
+        for link, other in ((raw, through), (through, raw)):
+            assert link.send(sent)
+            assert link.send(Frame(0x123, b"classic"))
+            found: list[Frame] = []
+            until(lambda link=other, found=found: found.extend(link.receive()) or len(found) == 2)  # type: ignore[misc]
+            assert [replace(frame, received_ns=0) for frame in found] == [sent, Frame(0x123, b"classic")]
+        assert heard(classic)[0] == b"classic"
+        assert not classic.send(sent), "the kernel takes no such frame from a socket for classic ones"

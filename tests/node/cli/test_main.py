@@ -61,7 +61,7 @@ def test_help_lists_a_dozen_verbs_by_section_each_with_an_example(segway_ecc: Ru
     assert outcome.code == 0
     verbs = [line.split()[0] for line in outcome.out.splitlines() if line.startswith("  ") and " segway-ecc " in line]
     assert verbs == [
-        *("run", "guard", "sequence", "play", "plant"),
+        *("run", "guard", "sequence", "demo", "play", "plant"),
         *("model", "design"),
         *("log", "station", "deploy"),
         *("case-study", "prove", "bench"),
@@ -77,7 +77,7 @@ def test_no_words_show_what_to_try_first(segway_ecc: Run) -> None:
     shown = [line.split("  ")[1].split() for line in outcome.errors[1:4]]
     assert [words[:2] for words in shown] == [
         ["segway-ecc", "case-study"],
-        ["segway-ecc", "play"],
+        ["segway-ecc", "demo"],
         ["segway-ecc", "model"],
     ]
 

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.build import serial_of
-from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.links.settings import PortSettings, SerialSettings
+from segway_ecc.firmware_io.settings import BusSettings, SerialOnlySettings
 from segway_ecc.node.cli.options import drawing_file, output_file, robot_file
-from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
+from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 
 
@@ -26,16 +27,27 @@ def test_without_options_it_is_the_robot_file() -> None:
 def test_the_bus_and_the_line_of_the_command_line_are_taken() -> None:
     hardware = read("cart-can", channel="can7", serial="/dev/bench").hardware
     own = load_robot("cart-can").hardware
-    assert not isinstance(hardware, NoHardwareSection)
-    assert not isinstance(own, NoHardwareSection)
+    assert isinstance(hardware, BusSettings)
+    assert isinstance(own, BusSettings)
     assert (hardware.can.interface, hardware.can.channel) == (own.can.interface, "can7")
     assert serial_of(hardware) == SerialSettings(port="/dev/bench")
+
+
+def test_the_only_line_of_a_robot_is_named_like_one_to_fall_back_on() -> None:
+    hardware = read("cart-hoverboard", serial="/dev/bench").hardware
+    assert isinstance(hardware, SerialOnlySettings)
+    assert hardware.line == PortSettings(port="/dev/bench", baudrate=115_200)
 
 
 @pytest.mark.parametrize(
     ("robot", "wanted", "message"),
     [
         ("cart", {"channel": "can7"}, r"^--channel: robot 'cart' is on no CAN bus$"),
+        (
+            "cart-hoverboard",
+            {"interface": "local", "serial": "/dev/x"},
+            r"^--interface: robot 'cart-hoverboard' is on no CAN bus; name its serial line by --serial$",
+        ),
         ("cart-cia402", {"serial": "/dev/x"}, r"^--serial: the drives of robot 'cart-cia402' have no serial line$"),
     ],
 )

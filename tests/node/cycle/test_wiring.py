@@ -6,7 +6,9 @@ import pytest
 
 from segway_ecc.firmware_io.hardware import NoHardware, Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, Origin, SignalSource, wire
+from segway_ecc.node.cycle.signals import published_signals
+from segway_ecc.node.cycle.sources import Origin, SignalSource
+from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import SectionedModel
@@ -84,7 +86,15 @@ def test_what_is_published_keeps_its_order_whatever_that_of_the_file(hardware: R
     backwards = dict(reversed((WIRING | {"Spare": "odometry.heading"}).items()))
     published = list(wire(Driver(), hardware, backwards).published)
     assert published == ["odometry.x", "odometry.heading", "left.velocity", "right.velocity"]
-    assert published == [signal for signal in PUBLISHED_SIGNALS if signal in published]
+    assert published == [signal for signal in published_signals(hardware.signals) if signal in published]
+
+
+def test_torques_are_published_where_the_drive_of_every_axis_measures_them() -> None:
+    axes = ("pan", "tilt")
+    signals = [f"{axis}.{value}" for axis in axes for value in ("angle", "velocity", "torque")]
+    joints = ("pan.angle", "tilt.angle", "pan.velocity", "tilt.velocity")
+    assert published_signals(signals)[5:] == (*joints, *published_signals(())[9:], "pan.torque", "tilt.torque")
+    assert published_signals(signals[:-1])[5:] == (*joints, *published_signals(())[9:])
 
 
 def test_an_imu_is_published_whether_or_not_the_model_takes_it() -> None:

@@ -184,13 +184,18 @@ def test_odometry_is_what_ros_writes(
 
 
 @pytest.mark.ros
-@given(stamps, texts, st.lists(texts, max_size=4), st.lists(numbers, max_size=4), st.lists(numbers, max_size=4))
-def test_joint_state_is_what_ros_writes(
-    stamp_ns: int, frame_id: str, names: list[str], positions: list[float], velocities: list[float]
+@given(stamps, texts, st.lists(texts, max_size=4), *(st.lists(numbers, max_size=4) for _ in range(3)))
+def test_joint_state_is_what_ros_writes(  # noqa: PLR0913, PLR0917 - the fields of the message
+    stamp_ns: int,
+    frame_id: str,
+    names: list[str],
+    positions: list[float],
+    velocities: list[float],
+    efforts: list[float],
 ) -> None:
     header = ros_header(stamp_ns, frame_id)
-    message = ros(JOINT_STATE, header=header, name=names, position=positions, velocity=velocities)
-    check(JOINT_STATE, cdr.joint_state(stamp_ns, frame_id, tuple(names), positions, velocities), message)
+    message = ros(JOINT_STATE, header=header, name=names, position=positions, velocity=velocities, effort=efforts)
+    check(JOINT_STATE, cdr.joint_state(stamp_ns, frame_id, tuple(names), positions, velocities, efforts), message)
 
 
 @pytest.mark.ros

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
+import math
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from msgspec.structs import replace
@@ -100,6 +102,26 @@ def test_structured_messages_carry_the_frames_joints_and_stamp(
     assert list(joints.name) == ["left_joint", "right_joint"]
     assert (list(joints.position), list(joints.velocity)) == ([14.0, 15.0], [16.0, 17.0])
     assert (setpoint.twist.linear.x, setpoint.twist.angular.z) == (3.5, -0.25)
+
+
+@pytest.mark.parametrize(("right_torque", "expected"), [(0.5, [-0.25, 0.5]), (math.nan, [])])
+def test_joints_carry_the_torques_where_all_are_measured(
+    tmp_path: Path,
+    layout: CycleLayout,
+    record: Callable[[int], CycleRecord],
+    right_torque: float,
+    expected: list[float],
+) -> None:
+    path = tmp_path / "run.mcap"
+    fields = {name: getattr(layout, name) for name in layout.__struct_fields__}
+    published = (*layout.published, "left.torque", "right.torque")
+    log = CycleLog(path, CycleLayout(**fields | {"published": published}))
+    plain = record(3)
+    log.write(replace(plain, published=(*plain.published, -0.25, right_torque)))
+    log.close()
+    _, messages = read(path)
+    ((_, joints),) = messages["/joint_states"]
+    assert (list(joints.position), list(joints.effort)) == ([14.0, 15.0], expected)
 
 
 def test_an_imu_is_on_its_topic_where_there_is_one(

@@ -9,6 +9,7 @@ import cantools.logreader
 import pytest
 
 from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.traffic import CandumpLog, listen
 
@@ -76,7 +77,7 @@ def test_it_listens_and_sends_nothing(tmp_path: Path) -> None:
                 sent += 1
             return log.frames == 5
 
-        listen(("virtual", "traffic", 500_000), log, is_over)
+        listen(CanSettings(interface="virtual", channel="traffic"), log, is_over)
         received = other.recv(0)
 
     assert [found.arbitration_id for found in can.CanutilsLogReader(path)] == [0x100 + n for n in range(5)]
@@ -87,6 +88,31 @@ def test_it_listens_and_sends_nothing(tmp_path: Path) -> None:
 def test_a_missing_bus_is_reported(tmp_path: Path) -> None:
     with CandumpLog(tmp_path / "bus.log", 10_000) as log:
         with pytest.raises(BusNotFoundError, match="cannot listen on CAN bus telepathy robot"):
-            listen(("telepathy", "auto", 500_000), log, lambda: True)
+            listen(CanSettings(interface="telepathy"), log, lambda: True)
         with pytest.raises(BusNotFoundError, match="nosuch0"):
-            listen(("socketcan", "nosuch0", 500_000), log, lambda: True)
+            listen(CanSettings(interface="socketcan", channel="nosuch0"), log, lambda: True)
+
+
+def test_frames_of_can_fd_are_in_the_log_with_their_flags_and_are_read_back(tmp_path: Path) -> None:
+    path, bus = tmp_path / "bus.log", CanSettings(interface="local", channel=f"traffic-{tmp_path.name}", fd=True)
+    sent = [
+        can.Message(arbitration_id=0x8001, data=bytes(range(48)), is_fd=True, bitrate_switch=True),
+        can.Message(arbitration_id=0x100, data=bytes(64), is_fd=True, is_extended_id=False),
+        can.Message(arbitration_id=0x101, data=b"classic", is_extended_id=False),
+    ]
+    with can.Bus(interface="local", channel=bus.channel, fd=True) as other, CandumpLog(path, 10_000) as log:
+
+        def is_over() -> bool:
+            if not log.frames:
+                for frame in sent:
+                    other.send(frame)
+            return log.frames >= len(sent)
+
+        listen(bus, log, is_over)
+
+    assert f" 00008001##1{bytes(range(48)).hex().upper()}" in path.read_text()
+    assert f" 100##0{bytes(64).hex().upper()}" in path.read_text()
+    found = list(can.CanutilsLogReader(path))[: len(sent)]
+    assert [(f.arbitration_id, bytes(f.data), f.is_fd, f.bitrate_switch) for f in found] == [
+        (f.arbitration_id, bytes(f.data), f.is_fd, f.bitrate_switch) for f in sent
+    ]

@@ -137,7 +137,19 @@ def test_a_whole_log_is_compared_with_every_snapshot(path: Path) -> None:
 
 
 @pytest.mark.variants(6)
-@pytest.mark.parametrize("name", ["cart-can", "cart-cia402", "cart-odrive", "cart-vesc", "segway", "segway-odrive"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "cart-can",
+        "cart-cia402",
+        "cart-hoverboard",
+        "cart-moteus",
+        "cart-odrive",
+        "cart-vesc",
+        "segway",
+        "segway-odrive",
+    ],
+)
 @pytest.mark.parametrize(
     "fault",
     [

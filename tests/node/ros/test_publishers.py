@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Report
-from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
+from segway_ecc.node.cycle.signals import SUPPLY_SIGNAL, published_signals
 from segway_ecc.node.ros.publishers import make_publishers, make_residual_publisher
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.safety.residual import SHOWN
@@ -19,7 +19,8 @@ from segway_ecc.node.safety.residual import SHOWN
 pytestmark = pytest.mark.ros
 
 STAMP_NS = 1_700_000_000_123_456_789
-IMU = [signal for signal in PUBLISHED_SIGNALS if signal.startswith("imu.")]
+PUBLISHED = published_signals(())
+IMU = [signal for signal in PUBLISHED if signal.startswith("imu.")]
 
 
 def as_message(sent: Any, kind: type) -> Any:
@@ -72,11 +73,30 @@ def test_half_an_imu_is_not_published(missing: str) -> None:
 
 
 def test_a_robot_without_an_imu_has_the_topics_it_always_had() -> None:
-    without = [signal for signal in PUBLISHED_SIGNALS if signal not in [*IMU, SUPPLY_SIGNAL]]
-    assert without == list(PUBLISHED_SIGNALS[:9])
+    without = [signal for signal in PUBLISHED if signal not in [*IMU, SUPPLY_SIGNAL]]
+    assert without == list(PUBLISHED[:9])
     topics = ["linear_velocity", "angular_velocity", "position", "odom", "joint_states"]
     assert published(without).topics == topics
-    assert published(list(PUBLISHED_SIGNALS)).topics == [*topics, "imu/data", "battery_state"]
+    assert published(list(PUBLISHED)).topics == [*topics, "imu/data", "battery_state"]
+
+
+def test_the_joints_of_all_axes_are_published_by_their_names() -> None:
+    node, signals = Node(), list(published_signals(["pan.angle", "pan.velocity", "tilt.angle", "tilt.velocity"]))[5:9]
+    for topic in make_publishers(node, RosSection(joints={"tilt": "camera_tilt"}), signals):
+        topic.publish(report(STAMP_NS, [1.0, 2.0, 3.0, 4.0]))
+    joints = node.sent["joint_states"]
+    assert list(joints.name) == ["pan_joint", "camera_tilt"]
+    assert (list(joints.position), list(joints.velocity)) == ([1.0, 2.0], [3.0, 4.0])
+
+
+@pytest.mark.parametrize(("torque", "expected"), [(6.0, [5.0, 6.0]), (math.nan, [])])
+def test_joints_carry_the_torques_where_all_are_measured(torque: float, expected: list[float]) -> None:
+    node = Node()
+    signals = ["left.angle", "right.angle", "left.velocity", "right.velocity", "left.torque", "right.torque"]
+    for topic in make_publishers(node, RosSection(), signals):
+        topic.publish(report(STAMP_NS, [1.0, 2.0, 3.0, 4.0, 5.0, torque]))
+    joints = node.sent["joint_states"]
+    assert (list(joints.velocity), list(joints.effort)) == ([3.0, 4.0], expected)
 
 
 def battery(measured: list[tuple[int, float]]) -> list[Any]:

@@ -12,8 +12,8 @@ import pytest
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST
+from segway_ecc.node.cycle.signals import published_signals
 from segway_ecc.node.cycle.trajectory import MOST_POINTS
-from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.stage import ModelParameters, RosStage
@@ -23,13 +23,14 @@ pytestmark = pytest.mark.ros
 
 TOPICS = ["mode", "setpoint", "linear_velocity", "angular_velocity", "position", "odom", "joint_states", "imu/data"]
 TOPICS += ["battery_state", "track"]
+PUBLISHED = published_signals(())
 SETTINGS = RosSettings(
     robot="alice",
     ros=RosSection(),
     namespace="",
     ros_arguments=(),
     period_ns=10_000_000,
-    published=tuple(PUBLISHED_SIGNALS),
+    published=PUBLISHED,
     topics=("track",),
     set_names=(),
     stand=None,
@@ -58,7 +59,7 @@ class Graph:
     def topics_published_in(self, cycle: int) -> list[str]:
         """The topics on which this cycle is published."""
         applied = StampedSetpoint(REST, cycle)
-        values = [1.0] * len(PUBLISHED_SIGNALS)
+        values = [1.0] * len(PUBLISHED)
         self.stage.publish(Report(cycle * 10**9, Mode.ARMED, values, applied, topics=(0.3,), cycle=cycle))
         published, self._published = self._published, []
         return published

@@ -22,7 +22,7 @@ OSCILLATION = OscillationLimit(amplitude=2.0, in_window=4, window_s=0.1)
 
 
 def watch(**settings: object) -> OutputWatch:
-    return OutputWatch(SafetySettings(**settings), GIVEN, ["left.torque"])  # type: ignore[arg-type] # pairs from below
+    return OutputWatch(SafetySettings(**settings), GIVEN, ["left.torque"], 8)  # type: ignore[arg-type] # pairs from below
 
 
 def outputs(torque: float = 0.0, x: float = 0.0, y: float = 0.0, speed: float = 0.0, pitch: float = 0.0) -> list[float]:

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,14 +15,25 @@ import pytest
 
 from segway_ecc.node.watchdog.output import AT_ONCE, PER_S
 from tests.fixtures.noisy import noisy
+from tests.fixtures.refusing import refusing
 from tests.fixtures.twenty_sim.maker import Maker
 from tests.patience import PATIENCE_S
 
 CYCLE = 7
 MODEL = f"""
-import ctypes, math, os, signal, sys, time
+import ctypes, math, os, pathlib, signal, sys, time
 from segway_ecc import Method, SectionedModel, Variable
 libc = ctypes.CDLL(None)
+
+def kill_watchdog():
+    ours = f" {{os.getpid()}} "
+    for folder in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            is_ours = ours in (folder / "stat").read_text().rpartition(")")[2]
+            if is_ours and b"watchdog.process" in (folder / "cmdline").read_bytes():
+                os.kill(int(folder.name), signal.SIGKILL)
+        except OSError:
+            pass
 
 class Tank(SectionedModel):
     name, step_size, method = "Tank", 0.01, Method.DISCRETE
@@ -98,16 +110,17 @@ def write(folder: Path, misbehaviour: str) -> None:
     (folder / "tank.py").write_text(f"{MODEL}\n{body}", "utf-8")
 
 
-def call(folder: Path, *words: str, **variables: str) -> Ended:
-    command = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words]
+def call(folder: Path, *words: str, under: Sequence[str] = (), **variables: str) -> Ended:
+    command = [*under, sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words]
     given = os.environ | variables
     done = subprocess.run(command, cwd=folder, env=given, check=False, capture_output=True, text=True)
     return Ended(done.returncode, done.stdout, done.stderr.splitlines())
 
 
-def drive(folder: Path, misbehaviour: str, *words: str) -> Ended:
+def drive(folder: Path, misbehaviour: str, *words: str, under: Sequence[str] = ()) -> Ended:
     write(folder, misbehaviour)
-    return call(folder, "run", "robot.yaml", "--no-ros", "--log", "run.mcap", "--duration", "1", *words)
+    run = ("run", "robot.yaml", "--no-ros", "--log", "run.mcap", "--duration", "1")
+    return call(folder, *run, *words, under=under)
 
 
 def replayed(folder: Path) -> str:
@@ -162,6 +175,64 @@ def test_a_thread_that_a_model_has_started_and_that_ends_the_process_is_reported
     ended = drive(folder, "__import__('threading').Thread(target=libc._exit, args=(0,)).start()")
     assert ended.code == -signal.SIGABRT
     assert "it ended the process with status 0, as by _exit" in ended.errors[-1]
+
+
+def test_a_robot_whose_watchdog_is_killed_drives_on_and_ends_as_it_should(folder: Path) -> None:
+    ended = drive(folder, f"self.steps > {CYCLE + 1} or kill_watchdog()", "--json")
+    assert (ended.code, json.loads(ended.out)["cycles"]) == (0, 100)
+    (line,) = [line for line in ended.errors if "watchdog" in line]
+    assert "the watchdog of the model has ended (status -9): a model that does not return is not ended any" in line
+    assert [line for line in ended.errors if "recorder" in line] == []
+    assert replayed(folder).startswith("identical: 100 cycles")
+
+
+def test_a_model_that_ends_the_process_without_its_watchdog_is_reported(folder: Path) -> None:
+    ended = drive(folder, "kill_watchdog(); libc._exit(0)")
+    assert ended.code == -signal.SIGABRT
+    assert ended.line.endswith("model 'Tank' ended the process with status 0, as by _exit, with no watchdog")
+    (folder / "tank.py").write_text((folder / "tank.py").read_text().replace("kill_watchdog(); libc._exit(0)", "pass"))
+    assert replayed(folder).startswith(f"identical: {CYCLE} cycles")
+
+
+REFUSED = (
+    "a model that ends the process with status 0 gives exit code 0 here, and is reported; torque ends by guard and "
+    "drives, as where the node is killed: Operation not permitted"
+)
+
+
+def test_a_robot_runs_where_the_kernel_does_not_ask_its_watchdog_and_reports_that(folder: Path) -> None:
+    ended = drive(folder, "pass", "--json", under=refusing("EPERM"))
+    assert (ended.code, json.loads(ended.out)["cycles"]) == (0, 100)
+    assert [line.partition(": ")[2] for line in ended.errors if "gives exit code 0" in line] == [REFUSED]
+
+
+def test_a_model_that_ends_the_process_is_reported_where_the_kernel_does_not_ask(folder: Path) -> None:
+    ended = drive(folder, "libc._exit(0)", under=refusing("EPERM"))
+    assert ended.code == 0
+    assert f"failed in its step of cycle {CYCLE} (last inputs: inflow 0.0): its process ended without a" in ended.line
+
+
+TRACERS = {
+    "strace": ["strace", "--follow-forks", "--output=/dev/null"],
+    "gdb": ["gdb", "-q", "-batch", "-return-child-result", "-ex", "run", "--args"],
+}
+
+
+@pytest.mark.debuggers
+@pytest.mark.variants(1)
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_a_robot_that_is_traced_ends_as_it_should(folder: Path, tracer: str) -> None:
+    assert drive(folder, "pass", under=TRACERS[tracer]).code == 0
+    assert replayed(folder).startswith("identical: 100 cycles")
+
+
+@pytest.mark.debuggers
+@pytest.mark.variants(1)
+@pytest.mark.parametrize("tracer", TRACERS)
+def test_a_model_that_ends_a_traced_process_is_reported(folder: Path, tracer: str) -> None:
+    ended = drive(folder, "libc._exit(0)", under=TRACERS[tracer])
+    assert ended.code != 0
+    assert f"failed in its step of cycle {CYCLE} (last inputs: inflow 0.0): it ended the process with" in ended.line
 
 
 def test_the_line_of_python_is_named(folder: Path) -> None:

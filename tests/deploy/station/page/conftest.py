@@ -43,6 +43,10 @@ def station() -> Iterator[FakeStation]:
     assert fake.ids == sorted(set(fake.ids)), "ids must count up"
 
 
+_MEANT = ("WebSocket connection", "Failed to load resource", "GPU stall due to ReadPixels")
+"""What may stand on the console: a request or a socket that a test has refused, and what a screenshot costs."""
+
+
 class Tab:
     """A tab that outlives a test, and what its page complains of."""
 
@@ -71,9 +75,8 @@ class Tab:
             self.page.set_viewport_size(self._viewport)
         self.complaints.clear()
 
-    # A request that is refused is reported on the console too; a test that has one refused means it.
     def _listen(self, output: "ConsoleMessage") -> None:
-        meant = "WebSocket connection" in output.text or "Failed to load resource" in output.text
+        meant = any(text in output.text for text in _MEANT)
         if output.type in {"error", "warning"} and not meant:
             self.complaints.append(output.text)
 

@@ -60,6 +60,7 @@ def test_every_import_is_a_file_of_the_page(path: Path) -> None:
         assert (PAGE / name).is_file(), name
 
 
-def test_the_plotting_library_has_its_licence_beside_it() -> None:
+def test_each_library_has_its_licence_beside_it() -> None:
     assert "MIT License" in (PAGE / "vendor" / "LICENSE-uPlot").read_text(encoding="utf-8")
+    assert "three.js authors" in (PAGE / "vendor" / "LICENSE-three").read_text(encoding="utf-8")
     assert "v1.6.32" in (PAGE / "vendor" / "uplot.js").read_text(encoding="utf-8")[:400]

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from segway_ecc.deploy.station.requests import Reply
-from segway_ecc.deploy.station.views import Command, Drive, EventView, FleetView, RobotView
+from segway_ecc.deploy.station.views import Command, Drive, EventView, FleetView, RobotView, TrialView
 from segway_ecc.node.cycle.setpoints import Setpoint
 
 
@@ -15,6 +15,7 @@ class ScriptedStation:
 
     def __init__(self, robots: Sequence[RobotView] = ()) -> None:
         self.limits = Setpoint(1.0, 2.0)
+        self.trials: Sequence[TrialView] = ()
         self.commands: list[tuple[str, Command]] = []
         self.drives: list[tuple[str, Drive]] = []
         self.gone: list[str] = []

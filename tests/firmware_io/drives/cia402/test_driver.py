@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.devices import Drive
-from segway_ecc.firmware_io.drives.cia402.driver import Cia402Pair, MissingLibraryError
+from segway_ecc.firmware_io.drives.cia402.driver import Cia402Drives, MissingLibraryError
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -22,8 +22,10 @@ MS = 1_000_000
 LEFT, RIGHT = 1, 2
 SETTINGS = Cia402Settings(
     host_node_id=0x7E,
-    left=Cia402WheelSettings(node_id=LEFT, counts_per_turn=4000, max_torque=5.0, gear_ratio=2.0, direction=-1),
-    right=Cia402WheelSettings(node_id=RIGHT, counts_per_turn=1000, max_torque=2.0, velocity_units_per_turn=60.0),
+    axes={
+        "left": Cia402WheelSettings(node_id=LEFT, counts_per_turn=4000, max_torque=5.0, gear_ratio=2.0, direction=-1),
+        "right": Cia402WheelSettings(node_id=RIGHT, counts_per_turn=1000, max_torque=2.0, velocity_units_per_turn=60.0),
+    },
 )
 DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, FAULT = 0x0240, 0x0231, 0x0233, 0x1237, 0x0217, 0x0218
 HOST_HEARTBEAT, SYNC = (0x77E, "05"), (0x080, "")
@@ -36,7 +38,7 @@ class Bench:
         self.memory = memory
         for node_id in nodes:
             memory.add(node_id)
-        self.pair = Cia402Pair(memory, SETTINGS, 0.01, memory.clock, memory.sleep_until_ns)
+        self.pair = Cia402Drives(memory, SETTINGS, 0.01, memory.clock, memory.sleep_until_ns)
 
     def start(self) -> None:
         self.pair.start()
@@ -555,7 +557,7 @@ def test_frames_of_others_change_nothing(bench: Bench) -> None:
 def test_whatever_the_drives_send_values_stay_finite_and_nothing_raises(frames: list[tuple[int, bytes]]) -> None:
     now_ns = 0
     link: Any = _Nowhere()
-    pair = Cia402Pair(link, SETTINGS, 0.01, lambda: now_ns, lambda _deadline_ns: None)
+    pair = Cia402Drives(link, SETTINGS, 0.01, lambda: now_ns, lambda _deadline_ns: None)
     pair.enable()
     for service, data in frames:
         now_ns += MS

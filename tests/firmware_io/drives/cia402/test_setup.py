@@ -17,7 +17,9 @@ from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
 from segway_ecc.firmware_io.links.link import Frame
 
 DRIVE = Cia402WheelSettings(node_id=5, counts_per_turn=4096, max_torque=3.0)
-SETTINGS = Cia402Settings(left=DRIVE, right=Cia402WheelSettings(node_id=6, counts_per_turn=4096, max_torque=3.0))
+SETTINGS = Cia402Settings(
+    axes={"left": DRIVE, "right": Cia402WheelSettings(node_id=6, counts_per_turn=4096, max_torque=3.0)}
+)
 PLAN = (SETTINGS, DRIVE, 2_000)
 MS = 1_000_000
 
@@ -47,7 +49,27 @@ def test_identity_is_read_as_far_as_there_is_one(memory: Any, network: LinkNetwo
     memory.add(5)
     assert set_up(network, *PLAN).identity == Identity(0x2E8, 0x10, None, None)
     memory.add(6, without=frozenset({0x1018}))
-    assert set_up(network, SETTINGS, SETTINGS.right, 2_000).identity == Identity(None, None, None, None)
+    assert set_up(network, SETTINGS, SETTINGS.axes["right"], 2_000).identity == Identity(None, None, None, None)
+
+
+def test_frames_of_a_stranger_among_the_answers_are_discarded_and_counted(
+    memory: Any, network: LinkNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory.add(5)
+    send, strange = memory.send, ("4399880011223344", "6001020300000000", "8001020302000106", "a0b0c0d0e0f00010")
+
+    def send_beside_a_stranger(frame: Frame) -> bool:
+        if frame.arbitration_id == 0x605:
+            memory.arrived += [Frame(0x585, bytes.fromhex(data), memory.now_ns) for data in strange]
+        answered: bool = send(frame)
+        return answered
+
+    monkeypatch.setattr(memory, "send", send_beside_a_stranger)
+    assert set_up(network, *PLAN).rated_torque == pytest.approx(1.25)
+    assert network.refused >= len(network.exchanges[5]) * len(strange)
+    assert {exchange.request[1:4] for exchange in network.exchanges[5]} == {
+        exchange.answer[1:4] for exchange in network.exchanges[5]
+    }
 
 
 def test_drive_with_profile_torque_only_is_refused_by_name_before_its_mode_is_touched(
@@ -76,7 +98,7 @@ def test_refused_mode_is_named_with_those_that_the_drive_offers(memory: Any, net
 
 
 @pytest.mark.parametrize(
-    ("last_answered", "message"), [(0x6076, "6502:00 cannot be read"), (0x6502, "6060:00 cannot be written")]
+    ("last_answered", "message"), [(0x6076, "6072:00 cannot be read"), (0x6502, "6060:00 cannot be written")]
 )
 def test_drive_that_falls_silent_at_its_mode_is_reported_as_silent(
     memory: Any, network: LinkNetwork, last_answered: int, message: str

@@ -38,6 +38,15 @@ def test_requests_go_out_one_by_one_each_after_its_answer(bench: Bench) -> None:
     assert bench.restoring.failure is None
 
 
+@pytest.mark.parametrize("frame", ["", "6018100000000000", "4b17100014000000", "8018100002000106", "0000000000000000"])
+def test_a_frame_that_answers_something_else_is_no_answer(bench: Bench, frame: str) -> None:
+    bench.restoring.begin()
+    bench.restoring.next_request()
+    assert not bench.restoring.take_answer(bytes.fromhex(frame))
+    assert bench.restoring.failure is None
+    assert bench.restoring.take_answer(WRITE.answer)
+
+
 def test_a_write_that_is_answered_otherwise_has_failed(bench: Bench) -> None:
     bench.restoring.begin()
     bench.restoring.next_request()

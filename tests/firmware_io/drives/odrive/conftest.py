@@ -17,7 +17,7 @@ def configure() -> Configure:
     def settings(**changes: Any) -> OdriveSettings:
         left: dict[str, object] = {"node_id": 0, "axis": 0, "max_torque": 3.0, "torque_constant": 0.1}
         right = {**left, "node_id": 1, "axis": 1, "direction": -1, "gear_ratio": 2.0}
-        described = {"type": "odrive", "firmware": "0.5", "left": left, "right": right, **changes}
+        described = {"type": "odrive", "firmware": "0.5", "axes": {"left": left, "right": right}, **changes}
         return msgspec.convert(described, OdriveSettings)
 
     return settings

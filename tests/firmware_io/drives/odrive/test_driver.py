@@ -2,7 +2,7 @@
 import itertools
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -10,7 +10,8 @@ import pytest
 from segway_ecc.firmware_io.devices import Drive
 from segway_ecc.firmware_io.drives.odrive.driver import Odrive
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.link import Frame
+from tests.recording_link import RecordingLink
 
 Configure = Callable[..., OdriveSettings]
 MS = 1_000_000
@@ -27,43 +28,25 @@ ASK_VERSION = Frame(0x000, b"", is_remote=True)
 VERSION_0_6 = bytes.fromhex("0204043a00060a00")
 
 
-class Recorder:
-    """A link that keeps what is sent."""
-
-    description = "recorded"
-    state = LinkState.ACTIVE
-    health: Mapping[str, str] = {}
-
-    def __init__(self) -> None:
-        self.counters = LinkCounters()
-        self.frames: list[Frame] = []
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def receive(self) -> list[Frame]:
-        return []
-
-    def send(self, frame: Frame) -> bool:
-        self.frames.append(frame)
-        return True
-
-
 class Bench:
     """A driver with a loop of 10 ms, a clock by hand, and the axis' side of the conversation."""
 
     def __init__(self, settings: OdriveSettings, name: str = "left") -> None:
         self.now_ns = 1_000 * MS
-        self.link = Recorder()
+        self.link = RecordingLink()
         self.drive = Odrive(self.link, name, settings, 0.01, lambda: self.now_ns)
-        self.node = settings.wheel(name).node_id
+        self.node = settings.axes[name].node_id
 
     def hear(self, command: int, data: bytes) -> bool:
         return self.drive.take_frame(Frame(self.node * 32 + command, data, self.now_ns))
 
     def beat(self, state: int = IDLE, error: int = 0) -> None:
         self.hear(0x01, struct.pack("<IBxxx", error, state))
+
+    def answer_version(self, data: bytes = VERSION_0_6, times: int = 2) -> None:
+        """Answer so often; twice is believed."""
+        for _ in range(times):
+            assert self.hear(0x00, data)
 
     def estimate(self, position: float = 0.5, velocity: float = 0.0) -> None:
         self.hear(0x09, struct.pack("<ff", position, velocity))
@@ -525,7 +508,7 @@ def test_torque_comes_from_0_6_itself_and_is_missing_without_a_constant(configur
     assert new.drive.read().values[2] == 0.75
 
     wheel = {"node_id": 0, "max_torque": 1.0}
-    without = Bench(configure(left=wheel))
+    without = Bench(configure(axes={"left": wheel}))
     without.hear(0x14, struct.pack("<ff", 9.0, 4.0))
     assert without.drive.read().valid[2] is False
 
@@ -572,7 +555,7 @@ def test_firmware_is_the_version_answered(configure: Configure) -> None:
     bench.drive.start()
     bench.run(2)
     assert bench.hear(0x15, bytes(8)) is False, "what it means is not known yet"
-    assert bench.hear(0x00, VERSION_0_6)
+    bench.answer_version()
     assert bench.drive.health["firmware"] == "0.6.10"
     bench.expire(firmware="0.6")
     assert bench.drive.arming_failures() == []
@@ -585,7 +568,7 @@ def test_a_late_answer_corrects_what_was_guessed_and_the_proof_begins_anew(confi
     bench.run(40)
     bench.expire()
     assert bench.drive.arming_failures() == []
-    bench.hear(0x00, VERSION_0_6)
+    bench.answer_version()
     assert bench.drive.health["watchdog_ms"] == "not seen"
     assert bench.drive.arming_failures()
 
@@ -604,7 +587,7 @@ def test_the_version_decides_what_it_is(configure: Configure, version: str, *, i
     bench = Bench(configure(firmware="auto"))
     bench.drive.start()
     bench.beat()
-    bench.hear(0x00, bytes.fromhex(version))
+    bench.answer_version(bytes.fromhex(version))
     bench.run(2)
     bench.expire()
     assert (bench.drive.arming_failures() == []) is is_old
@@ -612,9 +595,45 @@ def test_the_version_decides_what_it_is(configure: Configure, version: str, *, i
 
 def test_version_answer_of_a_drive_configured_as_0_5_fails_arming(bench: Bench) -> None:
     bench.prove()
-    bench.hear(0x00, VERSION_0_6)
+    bench.answer_version()
     (failure,) = bench.drive.arming_failures()
     assert "answers that its firmware is 0.6.10; set firmware to '0.6' or 'auto'" in failure
+
+
+@pytest.mark.parametrize("firmware", ["0.5", "auto"])
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_one_frame_that_reads_as_a_version_does_not_keep_it_from_arming(
+    configure: Configure, firmware: str, when: str
+) -> None:
+    bench = Bench(configure(firmware=firmware))
+    bench.drive.start()
+    bench.run(2)
+    if when == "before":
+        bench.answer_version(bytes.fromhex("51c07e9a80d3442f"), times=1)
+    bench.run(40)
+    bench.expire()
+    if when == "after":
+        bench.answer_version(VERSION_0_6, times=1)
+    assert bench.drive.arming_failures() == []
+    asked = [frame for frames in bench.run(40) for frame in frames if frame == ASK_VERSION]
+    assert (len(asked) > 0) is (when == "after"), "the drive is asked whether that was so"
+    assert bench.drive.arming_failures() == []
+    assert bench.drive.health["firmware"] == "0.5"
+    assert bench.drive.health["unconfirmed_versions"] == "1"
+
+
+def test_a_drive_of_0_6_is_asked_again_at_once_where_a_frame_reads_as_another_version(configure: Configure) -> None:
+    bench = Bench(configure(firmware="auto"))
+    bench.drive.start()
+    bench.run(2)
+    bench.answer_version(bytes.fromhex("51c07e9a00059934"), times=1)
+    assert ASK_VERSION in bench.cycle()
+    bench.answer_version(times=1)
+    assert bench.drive.health["firmware"] == "unknown"
+    assert ASK_VERSION in bench.cycle()
+    bench.answer_version(times=1)
+    assert bench.drive.health["firmware"] == "0.6.10"
+    assert bench.drive.health["unconfirmed_versions"] == "1"
 
 
 def test_no_remote_frame_is_sent_while_armed(configure: Configure) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import math
 import struct
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import reduce
 from operator import xor
@@ -22,9 +23,18 @@ Configure = Callable[..., OdriveSettings]
 NOW = 123_456_789
 LEFT = Frame(0x009, struct.pack("<ff", 1.5, 0.25), NOW)
 RIGHT = Frame(0x029, struct.pack("<ff", -2.5, -0.125), NOW)
-BEATS = (Frame(0x001, struct.pack("<IBxxx", 64, 1), NOW), Frame(0x021, struct.pack("<IBxxx", 2048, 8), NOW))
+BEATS = (Frame(0x001, struct.pack("<IBxxx", 64, 1), NOW), Frame(0x021, struct.pack("<IBxxx", 2048, 3), NOW))
 REPLIES = ("1.500000 0.250000", "-2.500000 -0.125000")
-STATES = ("1", "64", "8", "2048")
+STATES = ("1", "64", "3", "2048")
+AXIS_SETTINGS = (
+    "controller.config.vel_limit",
+    "controller.config.enable_overspeed_error",
+    "controller.config.enable_torque_mode_vel_limit",
+    "config.enable_watchdog",
+    "config.watchdog_timeout",
+    "motor.config.current_lim",
+    "motor.config.torque_lim",
+)
 TRUE = {LEFT, RIGHT, *BEATS}
 
 
@@ -33,15 +43,28 @@ def reply(text: str) -> bytes:
     return f"{text}*{reduce(xor, text.encode(), 0)}\r\n".encode()
 
 
-def replies(poll: int, texts: Sequence[str] | None = None) -> list[bytes]:
+def asks_settings(poll: int) -> bool:
+    """Whether a poll, counted from 0 on a new line, asks for a setting."""
+    return 1 <= poll <= 16 or poll % 10 == 4
+
+
+def replies(poll: int, texts: Sequence[str] | None = None, settings: Sequence[str] = ("1",)) -> list[bytes]:
     """All lines that answer one poll, counted from 0."""
     told = [*REPLIES, *STATES] if texts is None else texts
-    return [reply(text) for text in (*told, f"invalid motor {10 + poll % 90}")]
+    own = settings if asks_settings(poll) else ()
+    return [reply(text) for text in (*told, *own, f"invalid motor {10 + poll % 90}")]
+
+
+class Line(OdriveSerialCodec):
+    """The codec without the settings that it reads."""
+
+    def decode(self, data: bytes, now_ns: int) -> list[Frame]:
+        return [frame for frame in super().decode(data, now_ns) if frame.arbitration_id % 32 != 0x05]
 
 
 @pytest.fixture
 def line(configure: Configure) -> OdriveSerialCodec:
-    return OdriveSerialCodec(configure())
+    return Line(configure())
 
 
 @pytest.fixture
@@ -83,10 +106,12 @@ def test_commands_become_lines(line: OdriveSerialCodec, node: int, message: Mess
 
 
 def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
-    swapped = OdriveSerialCodec(
+    swapped = Line(
         configure(
-            left={"node_id": 7, "axis": 1, "max_torque": 1.0},
-            right={"node_id": 9, "axis": 0, "max_torque": 1.0},
+            axes={
+                "left": {"node_id": 7, "axis": 1, "max_torque": 1.0},
+                "right": {"node_id": 9, "axis": 0, "max_torque": 1.0},
+            }
         )
     )
     words = swapped.encode(encode(Firmware.V0_5, 7, m.SetAxisState(1)))
@@ -121,7 +146,16 @@ def test_a_poll_asks_for_everything_of_both_axes_and_ends_with_a_count(line: Odr
     texts = [[words.rpartition("*")[0] for words in poll] for poll in polls]
     asked = ["f 0", "f 1", *(f"r axis{axis}.{name}" for axis in (0, 1) for name in ("current_state", "error"))]
     supply = ["r vbus_voltage", "r ibus"]
-    assert [poll[:-1] for poll in texts] == [[*asked, *supply * (index % 10 == 9)] for index in range(91)]
+    settings = [
+        *(f"r axis{axis}.{name}" for name in AXIS_SETTINGS for axis in (0, 1)),
+        "r config.dc_max_negative_current",
+        "r config.enable_brake_resistor",
+    ]
+    expected = []
+    for index in range(91):
+        own = [settings[index - 1 if index <= 16 else index // 10 % 16]] if asks_settings(index) else []
+        expected.append([*asked, *supply * (index % 10 == 9), *own])
+    assert [poll[:-1] for poll in texts] == expected
     assert [poll[-1] for poll in texts] == [f"f {10 + index % 90}" for index in range(91)]
     assert all(words == reply(words.rpartition("*")[0]).decode().strip() for poll in polls for words in poll)
 
@@ -198,6 +232,73 @@ def test_supply_reply_to_a_poll_without_that_request_is_lost(started: OdriveSeri
     assert started.refused == {"lost": 1}
 
 
+def settings_of(configure: Configure, poll: int, text: str) -> tuple[list[tuple[int, int, float]], Counter[str]]:
+    """Node, number and value of each setting that the replies to a poll give, and what was refused."""
+    line = OdriveSerialCodec(configure())
+    found: list[Frame] = []
+    for index in range(poll + 1):
+        line.request()
+        supply = ("24.5", "1.0") if index % 10 == 9 else ()
+        own = (text if index == poll else "1",)
+        found = line.decode(b"".join(replies(index, (*REPLIES, *STATES, *supply), own)), NOW)
+    settings = [frame for frame in found if frame.arbitration_id % 32 == 0x05]
+    return [(frame.arbitration_id // 32, *struct.unpack("<xHxf", frame.data)) for frame in settings], line.refused
+
+
+@pytest.mark.parametrize(
+    ("poll", "text", "expected"),
+    [
+        (1, "2.000000", [(0, 0, 2.0)]),
+        (2, "40.000000", [(1, 0, 40.0)]),
+        (3, "1", [(0, 1, 1.0)]),
+        (4, "0", [(1, 1, 0.0)]),
+        (13, "inf", [(0, 4, math.inf)]),
+        (14, "-inf", [(1, 4, -math.inf)]),
+        (14, "1000000.0", [(1, 4, 1e6)]),
+        (14, "2.", [(1, 4, 2.0)]),
+        (15, "-0.010000", [(0, 7, -0.01), (1, 7, -0.01)]),
+        (16, "1", [(0, 8, 1.0), (1, 8, 1.0)]),
+        (24, "1", [(0, 1, 1.0)]),
+    ],
+)
+def test_settings_are_handed_on_by_their_number(
+    configure: Configure, poll: int, text: str, expected: list[tuple[int, int, float]]
+) -> None:
+    found, refused = settings_of(configure, poll, text)
+    assert [(node, number) for node, number, _ in found] == [(node, number) for node, number, _ in expected]
+    assert [value for *_, value in found] == pytest.approx([value for *_, value in expected])
+    assert not refused
+
+
+def test_no_settings_are_asked_for_while_commands_pass_over_the_line(line: OdriveSerialCodec) -> None:
+    line.encode(encode(Firmware.V0_5, 0, m.SetInputTorque(0.0)))
+    line.request()
+    line.encode(encode(Firmware.V0_5, 0, m.SetInputTorque(0.0)))
+    assert b"config" not in line.request()
+    assert line.decode(b"".join(replies(0)), NOW) == []
+    assert line.decode(b"".join(replies(1, None, ())), NOW) == [LEFT, RIGHT, *BEATS]
+    assert b"r axis1.controller.config.vel_limit*" in line.request()
+
+
+def test_no_settings_are_asked_for_while_a_motor_is_on(started: OdriveSerialCodec) -> None:
+    started.decode(b"".join(replies(1, (*REPLIES, "1", "0", "8", "0"))), NOW)
+    assert b"config" not in started.request()
+    started.decode(b"".join(replies(2, (*REPLIES, "1", "0", "1", "0"), ())), NOW)
+    assert b"config" in started.request()
+
+
+def test_a_setting_that_the_board_does_not_have_is_no_number(configure: Configure) -> None:
+    ((_, _, value),), _ = settings_of(configure, 3, "invalid property")
+    assert math.isnan(value)
+
+
+@pytest.mark.parametrize("text", ["nan", "1e5", "True", "invalid motor 3", ""])
+def test_a_reply_that_is_no_setting_costs_the_poll(configure: Configure, text: str) -> None:
+    found, refused = settings_of(configure, 3, text)
+    assert found == []
+    assert refused == {"reply": 1}
+
+
 @pytest.mark.parametrize(("behind", "taken"), [(2, True), (3, False)])
 def test_replies_to_polls_of_long_ago_are_too_old(started: OdriveSerialCodec, behind: int, *, taken: bool) -> None:
     for _ in range(behind):
@@ -245,7 +346,7 @@ def test_a_line_without_an_end_is_dropped_and_the_next_one_taken(started: Odrive
 def test_replies_without_end_take_no_memory(started: OdriveSerialCodec) -> None:
     for _ in range(100):
         started.decode(reply("1"), NOW)
-    assert len(started._replies) < 10
+    assert len(started._replies) < 12
 
 
 def test_what_was_received_can_be_forgotten(started: OdriveSerialCodec) -> None:
@@ -253,7 +354,7 @@ def test_what_was_received_can_be_forgotten(started: OdriveSerialCodec) -> None:
     started.reset()
     assert started.decode(b"".join(replies(1)), NOW) == []
     started.request()
-    assert started.decode(b"".join(replies(2)), NOW) == [LEFT, RIGHT, *BEATS]
+    assert started.decode(b"".join(replies(2, None, ())), NOW) == [LEFT, RIGHT, *BEATS], "settings come a poll later"
 
 
 @given(st.lists(st.integers(1, 20), max_size=40))
@@ -292,13 +393,13 @@ def test_every_flipped_bit_in_a_poll_is_noticed() -> None:
 
 
 @fuzzed
-@given(st.integers(0, (1 << 28) - 1), st.integers(0, (1 << 28) - 1))
+@given(st.integers(0, (1 << 32) - 1), st.integers(0, (1 << 32) - 1))
 def test_whatever_replies_are_lost_or_cut_no_value_is_taken_for_another(kept: int, whole: int) -> None:
     line = _started()
     for poll in range(1, 5):
         data = b""
         for index, text in enumerate(replies(poll)):
-            bit = 1 << (7 * (poll - 1) + index)
+            bit = 1 << (8 * (poll - 1) + index)
             if kept & bit or whole & bit:
                 data += text if whole & bit else text[: len(text) // 2]
         assert set(line.decode(data, NOW)) <= TRUE
@@ -320,7 +421,7 @@ def test_nothing_that_is_received_raises_or_makes_a_value_that_is_not_finite(dra
 
 def _started() -> OdriveSerialCodec:
     left: dict[str, object] = {"node_id": 0, "axis": 0, "max_torque": 3.0}
-    line = OdriveSerialCodec(_settings(left, {**left, "node_id": 1, "axis": 1}))
+    line = Line(_settings(left, {**left, "node_id": 1, "axis": 1}))
     line.request()
     line.decode(b"".join(replies(0)), NOW)
     line.request()
@@ -328,4 +429,4 @@ def _started() -> OdriveSerialCodec:
 
 
 def _settings(left: dict[str, object], right: dict[str, object]) -> OdriveSettings:
-    return msgspec.convert({"type": "odrive", "left": left, "right": right}, OdriveSettings)
+    return msgspec.convert({"type": "odrive", "axes": {"left": left, "right": right}}, OdriveSettings)

@@ -13,11 +13,11 @@ from tests.fuzzing import fuzzed
 
 
 @pytest.mark.parametrize(
-    ("name", "mask", "data"),
-    [("left", FAULT, "FE003200008000"), ("right", FAULT, "FD003200008000"), ("right", FLAGS, "FD003200200000")],
+    ("host_id", "mask", "data"),
+    [(254, FAULT, "FE003200008000"), (253, FAULT, "FD003200008000"), (253, FLAGS, "FD003200200000")],
 )
-def test_request_is_one_frame_with_the_sender_id(name: str, mask: int, data: str) -> None:
-    assert ask(name, 7, mask) == Frame(0x807, bytes.fromhex(data), is_extended=True)
+def test_request_is_one_frame_with_the_sender_id(host_id: int, mask: int, data: str) -> None:
+    assert ask(host_id, 7, mask) == Frame(0x807, bytes.fromhex(data), is_extended=True)
 
 
 @pytest.mark.parametrize(

@@ -74,10 +74,16 @@ def test_garbage_is_refused_or_within_range(packet: bytes, major: int, minor: in
         assert limits.motor_min <= 0.0 <= limits.motor_max
 
 
+def answer_version(reading: LimitsReading, packet: bytes = VERSION) -> None:
+    """Answer twice, which is believed."""
+    for _ in range(2):
+        assert reading.next_question(0) == b"\x00"
+        reading.take(packet)
+
+
 def read(*currents: float, needed_a: float = 30.0) -> LimitsReading:
     reading = LimitsReading("the left VESC", needed_a)
-    assert reading.next_question(0) == b"\x00"
-    reading.take(VERSION)
+    answer_version(reading)
     assert reading.next_question(1) == b"\x0e"
     reading.take(mcconf(*currents))
     return reading
@@ -89,6 +95,14 @@ def test_version_is_asked_and_then_the_configuration() -> None:
     assert reading.next_question(10**12) is None
     assert reading.arming_failures() == []
     assert reading.description == "6.00 on 60_MK5; motor -60 to 60 A, input -10 to 30 A"
+
+
+def test_one_frame_that_reads_as_a_version_is_not_believed_and_asked_about_at_once() -> None:
+    reading = LimitsReading("the left VESC", 30.0)
+    assert reading.next_question(0) == b"\x00"
+    reading.take(b"\x00\x05\x02")
+    answer_version(reading)
+    assert (reading.version, reading.unconfirmed) == (V6, 1)
 
 
 @pytest.mark.parametrize("currents", [(29.0, -60.0), (60.0, -29.0)])
@@ -117,8 +131,7 @@ def test_the_first_question_waits_for_the_other_controller() -> None:
 
 def test_limits_are_not_asked_for_where_their_long_answer_would_change_the_line() -> None:
     reading = LimitsReading("the left VESC", 30.0, has_fallback=True)
-    assert reading.next_question(0) == b"\x00"
-    reading.take(VERSION)
+    answer_version(reading)
     assert reading.next_question(10**12) is None
     assert reading.arming_failures() == []
     assert reading.description == (
@@ -130,8 +143,7 @@ def test_until_it_is_read_arming_waits() -> None:
     reading = LimitsReading("the left VESC", 30.0)
     waits = ["the firmware and limits of the left VESC are being read; try again in a moment"]
     assert (reading.arming_failures(), reading.description) == (waits, "being asked")
-    reading.next_question(0)
-    reading.take(VERSION)
+    answer_version(reading)
     assert (reading.arming_failures(), reading.description) == (waits, "6.00 on 60_MK5, being asked")
     for moment in range(0, 400, 10):
         reading.next_question(moment * MS)
@@ -140,8 +152,7 @@ def test_until_it_is_read_arming_waits() -> None:
 
 def test_unknown_version_is_reported_and_its_limits_are_not_guessed() -> None:
     reading = LimitsReading("the left VESC", 30.0)
-    reading.next_question(0)
-    reading.take(b"\x00\x05\x02410\x00")
+    answer_version(reading, b"\x00\x05\x02410\x00")
     assert reading.next_question(10**12) is None
     assert reading.arming_failures() == []
     assert reading.description == (
@@ -151,8 +162,7 @@ def test_unknown_version_is_reported_and_its_limits_are_not_guessed() -> None:
 
 def test_limits_that_cannot_be_read_are_not_asked_for_again() -> None:
     reading = LimitsReading("the left VESC", 30.0)
-    reading.next_question(0)
-    reading.take(VERSION)
+    answer_version(reading)
     over = []
     for packet in (b"\x00", mcconf(-1.0, 1.0, 0.0, 0.0)):  # the first answers another question and changes nothing
         with pytest.raises(FrameRefusedError):

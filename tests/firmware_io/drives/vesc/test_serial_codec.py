@@ -48,7 +48,7 @@ def wheel(controller_id: int) -> VescWheelSettings:
     return VescWheelSettings(controller_id=controller_id, pole_pairs=7, torque_constant=0.1, max_torque=3.0)
 
 
-SETTINGS = VescSettings(left=wheel(NEAR), right=wheel(FAR), timeout_set_s=0.05)
+SETTINGS = VescSettings(axes={"left": wheel(NEAR), "right": wheel(FAR)}, timeout_set_s=0.05)
 
 
 @pytest.fixture
@@ -85,9 +85,20 @@ def test_a_command_for_the_other_one_is_handed_on(line: VescSerialCodec) -> None
 
 
 def test_the_uart_may_be_that_of_the_right_controller() -> None:
-    line = VescSerialCodec(VescSettings(left=wheel(5), right=wheel(23), timeout_set_s=0.05, serial_controller="right"))
+    axes = {"left": wheel(5), "right": wheel(23)}
+    line = VescSerialCodec(VescSettings(axes=axes, timeout_set_s=0.05, serial_controller="right"))
     assert line.encode(frame_of(PacketId.SET_CURRENT, 5, Current(1.0))) == framed("220506000003E8")
     assert line.encode(frame_of(PacketId.SET_CURRENT, 23, Current(1.0))) == framed("06000003E8")
+
+
+def test_three_controllers_are_reached_through_the_uart_of_one() -> None:
+    axes = {"base": wheel(5), "elbow": wheel(23), "wrist": wheel(40)}
+    line = VescSerialCodec(VescSettings(axes=axes, timeout_set_s=0.05, serial_controller="elbow"))
+    asked = framed(QUESTION), framed("2205" + QUESTION), framed("2228" + QUESTION)
+    assert line.request() == b"".join(asked)
+    frames = line.decode(reply(40), 0)
+    assert frames[-1].arbitration_id % 256 == 252, "the answer to what this computer asks about the third"
+    assert line.encode(frame_of(PacketId.SET_CURRENT, 40, Current(1.0))) == framed("222806000003E8")
 
 
 @pytest.mark.parametrize(
@@ -97,8 +108,8 @@ def test_the_uart_may_be_that_of_the_right_controller() -> None:
         (frame_of(PacketId.SET_CURRENT_BRAKE, NEAR, Current(1.0)), "07000003E8"),
         (frame_of(PacketId.SET_CURRENT_HANDBRAKE, NEAR, Current(2.0)), "0A000007D0"),
         (frame_of(PacketId.SET_CURRENT_REL, NEAR, RelativeCurrent(1.0)), "54000186A0"),
-        (ask("left", NEAR, FAULT), QUESTION),
-        (ask("right", FAR, FLAGS), "2217" + QUESTION),
+        (ask(254, NEAR, FAULT), QUESTION),
+        (ask(253, FAR, FLAGS), "2217" + QUESTION),
     ],
 )
 def test_other_commands_and_requests_are_carried(line: VescSerialCodec, frame: Frame, packet: str) -> None:

@@ -12,13 +12,17 @@ from segway_ecc.node.errors import ConfigurationError
 GOOD: dict[str, Any] = {
     "type": "vesc",
     "timeout_set_s": 0.05,
-    "left": {"controller_id": 1, "pole_pairs": 7, "torque_constant": 0.1, "max_torque": 3.0},
-    "right": {"controller_id": 2, "pole_pairs": 7, "torque_constant": 0.1, "max_torque": 3.0},
+    "axes": {
+        "left": {"controller_id": 1, "pole_pairs": 7, "torque_constant": 0.1, "max_torque": 3.0},
+        "right": {"controller_id": 2, "pole_pairs": 7, "torque_constant": 0.1, "max_torque": 3.0},
+    },
 }
 
 
-def decoded(**changes: Any) -> VescSettings:
-    document = GOOD | {k: GOOD.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()}
+def decoded(left: dict[str, Any] | None = None, right: dict[str, Any] | None = None, **changes: Any) -> VescSettings:
+    axes = GOOD["axes"]
+    axes = {"left": {**axes["left"], **(left or {})}, "right": {**axes["right"], **(right or {})}}
+    document = {**GOOD, "axes": axes, **changes}
     return decode_yaml(yaml.safe_dump({k: v for k, v in document.items() if v is not None}), VescSettings, "robot")
 
 
@@ -31,9 +35,9 @@ def refusal(**changes: Any) -> str:
 def test_the_packaged_robot_is_on_two_controllers() -> None:
     hardware = load_robot("cart-vesc").hardware
     assert isinstance(hardware, VescSettings)
-    assert (hardware.left.controller_id, hardware.right.controller_id) == (1, 2)
+    assert [wheel.controller_id for wheel in hardware.axes.values()] == [1, 2]
     assert (hardware.timeout_set_s, hardware.status_rate_hz, hardware.serial) == (0.03, 200.0, None)
-    assert hardware.right.direction == -1
+    assert hardware.axes["right"].direction == -1
 
 
 def test_the_time_out_has_to_be_affirmed() -> None:
@@ -70,14 +74,22 @@ def test_the_rate_of_status_has_a_range(rate_hz: float) -> None:
 
 
 def test_two_controllers_have_two_identifiers() -> None:
-    assert "left and right have the same controller_id 1" in refusal(right={"controller_id": 1})
+    assert "left and right have the same controller_id, 1" in refusal(right={"controller_id": 1})
+
+
+def test_this_computer_has_an_identifier_of_its_own_for_each_controller() -> None:
+    axes = {f"joint{i}": {**GOOD["axes"]["left"], "controller_id": i} for i in range(16)}
+    host_ids = decoded(axes=axes).host_ids
+    assert list(host_ids.values()) == list(range(254, 238, -1))
+    axes["joint3"] = {**axes["joint3"], "controller_id": 239}
+    assert "joint3.controller_id must be below 239: from there on they are this computer's" in refusal(axes=axes)
 
 
 def test_a_torque_that_no_controller_gives_is_refused() -> None:
-    assert decoded(left={"max_torque": 100.0}).left.max_current == pytest.approx(1_000.0)
-    assert decoded(left={"max_torque": 500.0, "gear_ratio": 5.0, "direction": -1}).left.max_current == pytest.approx(
-        1e3
-    )
+    assert decoded(left={"max_torque": 100.0}).axes["left"].max_current == pytest.approx(1_000.0)
+    assert decoded(left={"max_torque": 500.0, "gear_ratio": 5.0, "direction": -1}).axes[
+        "left"
+    ].max_current == pytest.approx(1e3)
     text = refusal(left={"max_torque": 101.0})
     assert "max_torque 101 N m takes 1010 A of motor current; are torque_constant and gear_ratio right?" in text
 

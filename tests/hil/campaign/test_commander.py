@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from segway_ecc.hil.campaign.run import Commander
+from segway_ecc.hil.campaign.commander import Commander
 from segway_ecc.hil.faults.fault import Fault, Injections, Type
 from segway_ecc.node.cycle.interfaces import Inbox
 from segway_ecc.node.safety.modes import Action, Answer

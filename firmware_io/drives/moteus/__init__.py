@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""moteus controllers, one for each axis, over CAN FD."""
