@@ -77,7 +77,7 @@ class GravityCheck(Check):
         rate, x, z = values[self._gyro], values[self._x], values[self._z]
         wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
         if not self._is_running or periods > self._longest_gap:
-            self._begin(rate, x, z, wheels)
+            self._begin(values)
             return None
         elapsed_s = periods * self._period_s
         turned = rate - self._offset
@@ -111,13 +111,18 @@ class GravityCheck(Check):
         self._pitch = pitch + elapsed_s * self._pitch_gain * off
         if abs(off) > _MOST_LEARNT:  # seldom: min and max in every cycle take longer
             off = copysign(_MOST_LEARNT, off)
-        offset = self._offset = self._offset - elapsed_s * self._offset_gain * off
+        self._offset -= elapsed_s * self._offset_gain * off
+        return self._judge_offset(values, periods)
+
+    def _judge_offset(self, values: Sequence[float], periods: int) -> str | None:
+        """What is wrong with the gyro's offset, so many periods after it was judged last."""
+        offset = self._offset
         if abs(offset) <= self._most_offset:
             self._rests = 0
             return None
         self._rests = self._rests + periods if self._is_resting(values) else 0
         if self._rests >= self._rests_for:
-            self._begin(rate, x, z, wheels)
+            self._begin(values)
             return None
         return f"the IMU's gyro is off by {offset:.2f} rad/s about y, beyond {self._most_offset:g} rad/s"
 
@@ -131,8 +136,10 @@ class GravityCheck(Check):
             and abs(values[self._right]) <= MOVING
         )
 
-    def _begin(self, rate: float, x: float, z: float, wheels: float) -> None:
+    def _begin(self, values: Sequence[float]) -> None:
         """Begin with a sample that may be one of a body at rest."""
+        rate, x, z = values[self._gyro], values[self._x], values[self._z]
+        wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
         self.is_credible = self._is_running = abs(hypot(x, z) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
         self._calm = self._rests = 0
