@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """What the IMU measures, against gravity and the wheels: noise is no motion, and a gyro that is off shows in time."""
 
+from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, isfinite, nan, sin
 from typing import Final
 
 from segway_ecc.node.safety.check import Check, View, periods_in
+from segway_ecc.node.safety.plausibility import MOVING
 from segway_ecc.node.safety.settings import GravitySettings
 from segway_ecc.node.safety.tilt import GRAVITY
 
@@ -18,6 +20,8 @@ _SHOCK: Final = 0.5
 """A shock adds this much of the limit in one sample: what an IMU measures falsely for longer adds up."""
 _SHOCKS_APART_S: Final = 0.5
 """A body strikes the floor once in this time, s; noise does not wait."""
+_RESTS_S: Final = 1.0
+"""A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow."""
 
 
 class GravityCheck(Check):
@@ -30,6 +34,9 @@ class GravityCheck(Check):
     first. Standing up, pushes and landing are motions that both show: they leave no residual. Noise does, soon. A
     shock between two samples, as of a body that falls onto its stop, does too: the first that comes in one sample,
     and after which the body turns more slowly, is passed over, as a gap is.
+
+    What a hard landing leaves in the observer would be taken for an offset for some seconds. So while it is, and the
+    robot rests with a gyro that reads less than that, it begins anew after a second.
 
     Attributes:
         is_credible: Whether the newest sample goes with those before; it does not where none does.
@@ -52,7 +59,8 @@ class GravityCheck(Check):
         self._period_s = period_s
         self._longest_gap = periods_in(_LONGEST_GAP_S, period_s)
         self._shocks_apart = periods_in(_SHOCKS_APART_S, period_s)
-        self._missed = self._calm = 0
+        self._rests_for = periods_in(_RESTS_S, period_s)
+        self._missed = self._calm = self._rests = 0
         self._far = 0.0
         self._is_running = False
         self._pitch = self._rate = self._offset = self._ahead = self._up = 0.0
@@ -69,7 +77,7 @@ class GravityCheck(Check):
         rate, x, z = values[self._gyro], values[self._x], values[self._z]
         wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
         if not self._is_running or periods > self._longest_gap:
-            self._begin(rate, x, z, wheels)
+            self._begin(values)
             return None
         elapsed_s = periods * self._period_s
         turned = rate - self._offset
@@ -103,16 +111,38 @@ class GravityCheck(Check):
         self._pitch = pitch + elapsed_s * self._pitch_gain * off
         if abs(off) > _MOST_LEARNT:  # seldom: min and max in every cycle take longer
             off = copysign(_MOST_LEARNT, off)
-        offset = self._offset = self._offset - elapsed_s * self._offset_gain * off
+        self._offset -= elapsed_s * self._offset_gain * off
+        return self._judge_offset(values, periods)
+
+    def _judge_offset(self, values: Sequence[float], periods: int) -> str | None:
+        """What is wrong with the gyro's offset, so many periods after it was judged last."""
+        offset = self._offset
         if abs(offset) <= self._most_offset:
+            self._rests = 0
+            return None
+        self._rests = self._rests + periods if self._is_resting(values) else 0
+        if self._rests >= self._rests_for:
+            self._begin(values)
             return None
         return f"the IMU's gyro is off by {offset:.2f} rad/s about y, beyond {self._most_offset:g} rad/s"
 
-    def _begin(self, rate: float, x: float, z: float, wheels: float) -> None:
+    def _is_resting(self, values: Sequence[float]) -> bool:
+        """Whether wheels and body rest, by a gyro that is not off."""
+        felt = hypot(values[self._x], values[self._z])
+        return (
+            abs(values[self._gyro]) <= self._most_offset
+            and abs(felt - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
+            and abs(values[self._left]) <= MOVING
+            and abs(values[self._right]) <= MOVING
+        )
+
+    def _begin(self, values: Sequence[float]) -> None:
         """Begin with a sample that may be one of a body at rest."""
+        rate, x, z = values[self._gyro], values[self._x], values[self._z]
+        wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
         self.is_credible = self._is_running = abs(hypot(x, z) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
-        self._calm = 0
+        self._calm = self._rests = 0
         swing = self._height * rate
         self._ahead = wheels + self._radius * rate + swing * cos(self._pitch)
         self._up = -swing * sin(self._pitch)

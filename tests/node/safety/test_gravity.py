@@ -17,6 +17,8 @@ PERIOD_S = 0.001
 RADIUS, HEIGHT, G = 0.05, 0.5, 9.80665
 SETTINGS = GravitySettings(wheel_radius=RADIUS, imu_height=HEIGHT, velocity_m_s=0.5, gyro_rad_s=0.05, settle_s=0.4)
 STRICT = replace(SETTINGS, velocity_m_s=0.002, gyro_rad_s=0.002)
+LONG = replace(SETTINGS, velocity_m_s=5.0, settle_s=1.0)
+"""It holds for some seconds what it learnt."""
 POLE = 1.0 / 0.4
 Sample = tuple[float, float, float, float, float]
 """Velocities of both wheels, rad/s; gyro about y, rad/s; specific force along x and z, m/s2."""
@@ -236,6 +238,62 @@ def test_a_body_that_falls_onto_its_stop_is_no_fault_of_the_imu() -> None:
     assert abs(fall[-1][2]) * HEIGHT > 1.0, "m/s, and none in the next sample"
     assert set(looks(check, [*fall, *[leaning(0.05 * math.cosh(4.0 * 0.9))] * 500])) == {None}
     assert check.is_credible
+
+
+def landed_hard(check: GravityCheck) -> None:
+    """Leave in it what a blow does."""
+    list(looks(check, [REST] * 10))
+    check._offset = -0.3
+    assert (
+        first_fault(check, [(0.0, 0.0, 1.0, 0.0, G)])[1]
+        == "the IMU's gyro is off by -0.30 rad/s about y, beyond 0.05 rad/s"
+    )
+
+
+def faulty_for(check: GravityCheck, samples: Iterable[Sample]) -> int:
+    """For how many samples there is a fault."""
+    return sum(fault is not None for fault in looks(check, samples))
+
+
+def test_what_a_hard_landing_left_is_forgotten_after_a_second_at_rest() -> None:
+    check = check_of(LONG)
+    landed_hard(check)
+    assert faulty_for(check, [leaning(0.5)] * 3000) == 999
+    assert check.is_credible
+    assert check._offset == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        (0.6, 0.0, 0.0, 0.0, G),
+        (-0.6, 0.0, 0.0, 0.0, G),
+        (0.0, 0.6, 0.0, 0.0, G),
+        (0.0, -0.6, 0.0, 0.0, G),
+        (0.0, 0.0, 0.06, 0.0, G),
+        (0.0, 0.0, -0.06, 0.0, G),
+        (0.0, 0.0, 0.0, 0.0, 1.11 * G),
+        (0.0, 0.0, 0.0, 0.0, 0.89 * G),
+    ],
+)
+def test_it_is_forgotten_only_of_a_body_that_rests_and_a_gyro_that_reads_so(other: Sample) -> None:
+    check = check_of(LONG)
+    landed_hard(check)
+    assert faulty_for(check, [*[REST] * 900, other, *[REST] * 999]) == 1900
+    assert faulty_for(check, [REST] * 10) == 0
+
+
+def test_a_second_of_rest_before_there_is_an_offset_does_not_count() -> None:
+    check = check_of(LONG)
+    assert set(looks(check, [REST] * 5000)) == {None}
+    landed_hard(check)
+    assert faulty_for(check, [REST] * 2000) == 999
+
+
+def test_each_period_of_rest_counts() -> None:
+    check = check_of(LONG)
+    landed_hard(check)
+    assert sum(fault is not None for fault in looks(check, [REST] * 400, periods=5)) == 199
 
 
 def test_what_makes_the_body_turn_as_quickly_or_quicker_is_no_shock() -> None:
