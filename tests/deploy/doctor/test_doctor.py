@@ -24,6 +24,7 @@ def test_a_robots_computer_as_it_should_be(fake: FakeMachine) -> None:
     assert list(by_name(findings)) == [
         "kernel",
         "CAN in the kernel",
+        "seccomp",
         "CAN can0",
         "CAN can0 bit rate",
         "CAN can0 restart",
@@ -111,7 +112,7 @@ def _breaks(_machine: System, _workload: Workload) -> Iterator[Finding]:
 def test_broken_check_is_reported_and_the_others_run(fake: FakeMachine) -> None:
     checks = {"kernel": CHECKS["kernel"], "ours": _breaks, "python": CHECKS["python"]}
     found = by_name(examine(fake.machine, workload(fake.root), checks))
-    assert list(found) == ["kernel", "CAN in the kernel", "first half", "check of ours", "Python"]
+    assert list(found) == ["kernel", "CAN in the kernel", "seccomp", "first half", "check of ours", "Python"]
     assert found["check of ours"].verdict is Verdict.BAD
     assert found["check of ours"].found == "broke off: ZeroDivisionError: division by zero"
 

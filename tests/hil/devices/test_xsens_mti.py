@@ -125,8 +125,8 @@ def test_a_sensor_that_hangs_sends_the_same_set_again_and_again() -> None:
 
 def test_it_sleeps_from_one_set_to_the_next() -> None:
     bench = Bench(tick_ms=1, period_s=0.005)
-    bench.tick()
     begun_ns = bench.now_ns
+    bench.tick()
     assert bench.imu.next_ns == begun_ns + 5 * MS
     bench.tick(7)
     assert bench.imu.next_ns == begun_ns + 10 * MS

@@ -19,9 +19,10 @@ import numpy as np
 import pytest
 
 import segway_ecc.node.robots
+from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.firmware_io.value import Section
-from segway_ecc.hil.rig.simulation import LockstepRig
-from segway_ecc.node.config import load_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of
+from segway_ecc.node.config import NoHardwareSection, load_robot
 from segway_ecc.node.cycle import state
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -163,7 +164,9 @@ def test_what_is_too_much_is_refused() -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_state_of_each_robot_is_captured_whole(robot: str) -> None:
-    built = build_robot(load_robot(robot), LockstepRig(500_000))
+    file, rig = load_robot(robot), LockstepRig(500_000)
+    bare = isinstance(file.hardware, NoHardwareSection) or isinstance(file.hardware.line, CanSettings)
+    built = build_robot(file, rig, None if bare else rig.ends(hardware_of(file)).node)
     loop = built.loop(NoStage(), NoRecorder())
     loop.run(20)
     taken = loop._cycle.take_state(20)

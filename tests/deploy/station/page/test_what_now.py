@@ -7,7 +7,7 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import gone, shows, there
+from tests.deploy.station.page.page_waits import gone, press_any, shows, there
 from tests.deploy.station.page.robot_states import CHECKS, lost
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def test_one_that_fell_is_never_green(page: "Page", station: FakeStation) -> Non
 @pytest.mark.parametrize(("can_stand", "last"), [(True, Act.STAND), (False, Act.ARM)])
 def test_one_button_leads_back_from_a_fault(page: "Page", station: FakeStation, can_stand: bool, last: Act) -> None:  # noqa: FBT001 - pytest
     station.robot(**{**FALLEN, "can_stand": can_stand})
-    page.click("#way-back")
+    press_any(page, "#way-back")
     station.wait(lambda: len(station.commands) > 1)
     assert [command.act for command in station.commands] == [Act.CLEAR_FAULT, last]
 
@@ -62,7 +62,7 @@ def test_one_button_leads_back_from_a_fault(page: "Page", station: FakeStation, 
 def test_where_it_is_refused_the_robot_stays_in_its_fault(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.CLEAR_FAULT] = (False, "the bus is still cut")
     station.robot(**FALLEN)
-    page.click("#way-back")
+    press_any(page, "#way-back")
     shows(page, "#command-failure", "Clear fault Alice failed: the bus is still cut")
     assert [command.act for command in station.commands] == [Act.CLEAR_FAULT]
 
@@ -70,6 +70,6 @@ def test_where_it_is_refused_the_robot_stays_in_its_fault(page: "Page", station:
 def test_without_control_the_button_says_why(page: "Page", station: FakeStation) -> None:
     station.robot(**{**FALLEN, "controller": "bert"})
     there(page, "#way-back[aria-disabled=true]")
-    page.click("#way-back")
+    press_any(page, "#way-back")
     shows(page, "#command-failure", "Clear and stand up: bert has control; take it first")
     assert station.commands == []
