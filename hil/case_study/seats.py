@@ -8,6 +8,7 @@ and which they were and why is kept.
 import csv
 import dataclasses
 import itertools
+import signal
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -40,8 +41,14 @@ TRIES: Final = 3
 """Of a run in real time; what runs on a simulated clock, or on none, is never repeated."""
 
 _REMEDY: Final = "end other programs on this machine and try again, or choose other seats with --seat"
-_LOSSES: Final = (None, NobodyListensError.exit_code, RobotLostError.exit_code, SequenceError.exit_code)
-"""How a process ends that may succeed the next time; None where it did not end in time."""
+_LOSSES: Final = (
+    None,
+    -signal.SIGKILL,
+    NobodyListensError.exit_code,
+    RobotLostError.exit_code,
+    SequenceError.exit_code,
+)
+"""How a process ends that may succeed the next time: not in time (None), killed as for want of memory, or by a loss."""
 _T = TypeVar("_T")
 _TURN_MANOEUVRE: Final = Manoeuvre(
     segments=(

@@ -139,6 +139,9 @@ def run_compiler(
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ModelError(f"cannot run the compiler {command[0]}: {error}") from error
+    made = (folder or Path()) / words[words.index("-o") + 1] if "-o" in words else None
+    if done.returncode == 0 and made is not None and not made.exists():
+        raise ModelError(f"the compiler {command[0]} ended well and wrote nothing: let CC and CXX name real ones")
     return done.returncode, (done.stdout + done.stderr).decode(errors="replace")
 
 

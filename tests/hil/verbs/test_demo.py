@@ -32,7 +32,7 @@ class Shown:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "demo", "--port", "0", "--no-browser"],
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
                 stderr=errors,
                 start_new_session=True,
                 env={**os.environ, "TMPDIR": str(folder)},

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.compile import cached, digest, find_compiler, missing_compiler
+from segway_ecc.node.native.compile import cached, digest, find_compiler, missing_compiler, run_compiler
 from tests.patience import PATIENCE_S
 
 
@@ -92,6 +92,14 @@ def test_a_variable_names_the_compiler_with_its_options(
     assert Path(compiler).name == "gcc"
     # The last one decides.
     assert options == ["-ffp-contract=fast", "-ffp-contract=off", "-fsigned-char"]
+
+
+def test_a_compiler_that_makes_nothing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "true")
+    with pytest.raises(
+        ModelError, match=r"^the compiler \S*true ended well and wrote nothing: let CC and"
+    ):
+        run_compiler(["-o", "model.so"], folder=tmp_path)
 
 
 def test_whatever_compiler_there_is_counts_and_its_absence_is_named_with_the_remedy(
