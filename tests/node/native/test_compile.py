@@ -96,9 +96,7 @@ def test_a_variable_names_the_compiler_with_its_options(
 
 def test_a_compiler_that_makes_nothing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "true")
-    with pytest.raises(
-        ModelError, match=r"^the compiler \S*true ended well and wrote nothing: let CC and"
-    ):
+    with pytest.raises(ModelError, match=r"^the compiler \S*true ended well and wrote nothing: let CC and"):
         run_compiler(["-o", "model.so"], folder=tmp_path)
 
 
