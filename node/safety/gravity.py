@@ -49,7 +49,7 @@ class GravityCheck(Check):
         self.needs: tuple[int, ...] = (*wheels, *imu)
         self.is_credible = True
         self._left, self._right = wheels
-        self._gyro, self._x, self._z = imu
+        self._imu = self._gyro, self._x, self._z = imu
         self._radius, self._height = settings.wheel_radius, settings.imu_height
         self._most_velocity, self._most_offset = settings.velocity_m_s, settings.gyro_rad_s
         pole = 1.0 / settings.settle_s
@@ -70,6 +70,8 @@ class GravityCheck(Check):
         periods = self._missed + view.periods
         if not view.has(self.needs):
             self._missed = periods
+            if view.has(self._imu):  # drives that measure nothing before they are on: the IMU is judged alone
+                self.is_credible = self._is_heavy(view.values)
             return None
         is_late = self._missed > 0
         self._missed = 0
@@ -136,11 +138,15 @@ class GravityCheck(Check):
             and abs(values[self._right]) <= MOVING
         )
 
+    def _is_heavy(self, values: Sequence[float]) -> bool:
+        """Whether the specific force is of the size of gravity, as of a body at rest."""
+        return abs(hypot(values[self._x], values[self._z]) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
+
     def _begin(self, values: Sequence[float]) -> None:
         """Begin with a sample that may be one of a body at rest."""
         rate, x, z = values[self._gyro], values[self._x], values[self._z]
         wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
-        self.is_credible = self._is_running = abs(hypot(x, z) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
+        self.is_credible = self._is_running = self._is_heavy(values)
         self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
         self._calm = self._rests = 0
         swing = self._height * rate

@@ -429,3 +429,13 @@ def test_what_is_no_number_or_beyond_any_is_a_fault_and_forgotten(place: int, va
     for values in (wrong, REST, REST):
         check.look(View(values, (True,) * 5, 1))
     assert check.is_credible
+
+
+def test_an_imu_beside_drives_that_measure_nothing_yet_is_judged_alone() -> None:
+    check = check_of()
+    unseen = (False, False, True, True, True)
+    for sample, credible in ((REST, True), ((0.0, 0.0, 3.0, 12.0, -4.0), False), (REST, True), (leaning(0.5), True)):
+        assert check.look(View(sample, unseen, 1)) is None
+        assert check.is_credible is credible
+    assert check.look(View((0.0,) * 5, (False,) * 5, 1)) is None
+    assert check.is_credible, "what is not measured says nothing"
