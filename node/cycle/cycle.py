@@ -55,10 +55,24 @@ WHOLE: Final = "cycle"
 _EVENTS_KEPT: Final = 64
 
 
+class _Unrecorded(NoRecorder):
+    """Counts the cycles that no recorder is given any more."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first = 0
+
+    def write(self, record: CycleRecord) -> None:
+        """Count it."""
+        self.first = self.first if self.count else record.cycle
+        self.count += 1
+
+
 class BestEffortRecorder:
     """Stands in front of a recorder and never raises: recording is worth less than control; see `Recorder`.
 
     Once the recorder has failed nothing more is given to it, and that is logged once; it is closed all the same.
+    Cycles that are not in the log for that are counted, and logged at the end.
     """
 
     def __init__(self, recorder: Recorder, events: deque[str]) -> None:
@@ -73,6 +87,7 @@ class BestEffortRecorder:
             self._recorder.write(record)
         except Exception as error:  # noqa: BLE001 - whatever it is, the robot must not fall for it
             self._do_without(error)
+            self._recorder.write(record)
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep a set of diagnostics, while that can be done."""
@@ -85,6 +100,9 @@ class BestEffortRecorder:
     def close(self) -> None:
         """Finish the log, as far as that can be done."""
         self._attempt(self._opened.close)
+        if isinstance(self._recorder, _Unrecorded) and self._recorder.count:
+            lost = self._recorder
+            self._events.append(f"the log lacks {lost.count} cycles, from cycle {lost.first} on: none was handed over")
 
     def _attempt(self, call: Callable[[], None]) -> None:
         try:
@@ -95,7 +113,7 @@ class BestEffortRecorder:
     def _do_without(self, error: Exception) -> None:
         if not isinstance(self._recorder, NoRecorder):
             self._events.append(f"recording has ended: {type(error).__name__}: {error}")
-        self._recorder = NoRecorder()
+            self._recorder = _Unrecorded()
 
 
 class Cycle:

@@ -59,9 +59,15 @@ class RecorderSettings(msgspec.Struct, frozen=True):
 
 
 class RunEnd(msgspec.Struct, frozen=True):
-    """What the writer's process receives last, as one line of JSON: how many messages found no room in the ring."""
+    """What the writer's process receives last, as one line of JSON: what the log may not have.
+
+    Attributes:
+        dropped: How many messages found no room in the ring.
+        last_cycle: Number of the last cycle; None where there was none.
+    """
 
     dropped: int
+    last_cycle: int | None = None
 
 
 class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):

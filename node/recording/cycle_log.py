@@ -14,12 +14,13 @@ from segway_ecc.node.cycle.state import Snapshot
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.recording.cdr import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA, STATE, STATE_SCHEMA
 from segway_ecc.node.recording.codec import CycleCodec, state_message
-from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
+from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, cycle_of, stamp_of
 from segway_ecc.node.recording.layout import (
     END_FILE,
     NO_PROVENANCE,
     PART_FILE,
     CycleLayout,
+    LogEnd,
     LogPart,
     Provenance,
     surroundings,
@@ -64,8 +65,10 @@ class CycleLog(McapLog):
         for name, values in (provenance.metadata | around).items():
             self.metadata(name, values)
         layout_text = msgspec.json.format(msgspec.json.encode(layout)).decode()
-        self._part = msgspec.json.encode(part or LogPart()).decode()
-        for name, text in {PART_FILE: self._part, LAYOUT_FILE: layout_text, **provenance.attachments}.items():
+        self._part = part or LogPart()
+        self._last_cycle: int | None = None
+        part_text = msgspec.json.encode(self._part).decode()
+        for name, text in {PART_FILE: part_text, LAYOUT_FILE: layout_text, **provenance.attachments}.items():
             self.attach(name, "text/plain", text.encode(), COPIES)
         published = {signal: index for index, signal in enumerate(layout.published)}
         self._odometry = _indices(published, ODOMETRY_SIGNALS)
@@ -85,6 +88,7 @@ class CycleLog(McapLog):
         """Log a cycle that is a message already; what happened in it has been logged before."""
         stamp_ns = stamp_of(message)
         self.add(CYCLE_TOPIC, CYCLE_TYPE, stamp_ns, message, self._codec.message.schema)
+        self._last_cycle = cycle_of(message)
         self.twist("/setpoint", stamp_ns, *self._codec.message.setpoint(message))
         published = self._codec.message.published(message)
         if self._odometry is not None:
@@ -117,10 +121,12 @@ class CycleLog(McapLog):
         """Log a set of diagnostics."""
         self.diagnostics("/diagnostics", stamp_ns, statuses)
 
-    def close(self, *, is_end: bool = True) -> None:
-        """Finish the file; it is the last of its run where `is_end`."""
+    def close(self, *, is_end: bool = True, last_cycle: int | None = None) -> None:
+        """Finish the file; it is the run's last where `is_end`, and has the run's last cycle unless that is given."""
         if is_end and self.is_open:
-            self.attach(END_FILE, "text/plain", self._part.encode(), COPIES)
+            last = self._last_cycle if last_cycle is None else last_cycle
+            end = LogEnd(self._part.run, self._part.number, last)
+            self.attach(END_FILE, "text/plain", msgspec.json.encode(end), COPIES)
         super().close()
 
 

@@ -45,6 +45,7 @@ _HEAD: Final = struct.Struct("<4siI")
 _PREFIX: Final = b"\x00\x01\x00\x00"
 # The empty frame_id of the header: its length with the closing NUL, that, and padding up to 16 bytes.
 _NO_FRAME: Final = b"\x01\x00\x00\x00\x00\x00\x00\x00"
+_NUMBER: Final = struct.Struct(f"<{_HEAD.size + len(_NO_FRAME)}xQ")
 _NS_PER_S: Final = 1_000_000_000
 # The last phase is the recording itself, which is not over when it is written.
 _PHASES: Final = PHASES[:-1]
@@ -141,6 +142,11 @@ def stamp_of(data: bytes) -> int:
     """The stamp of a message that begins with a header, ns since the Unix epoch."""
     _, seconds, rest_ns = _HEAD.unpack_from(data)
     return int(seconds * _NS_PER_S + rest_ns)
+
+
+def cycle_of(data: bytes) -> int:
+    """The number of the cycle in a message."""
+    return int(_NUMBER.unpack_from(data)[0])
 
 
 def _schema(layout: CycleLayout) -> str:

@@ -72,6 +72,20 @@ class LogPart(msgspec.Struct, frozen=True):
     number: int = 1
 
 
+class LogEnd(msgspec.Struct, frozen=True):
+    """What the last file of a run says at its end.
+
+    Attributes:
+        run: As in `LogPart`.
+        number: Of the last file.
+        last_cycle: Number of the run's last cycle; None where there was none, or where an older version wrote it.
+    """
+
+    run: str
+    number: int
+    last_cycle: int | None = None
+
+
 class Provenance(msgspec.Struct, frozen=True):
     """What a log holds about the run beside its messages: texts by file name, and named texts by their group."""
 

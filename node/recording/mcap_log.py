@@ -31,6 +31,8 @@ CHUNK_BYTES: Final = 256 * 1024
 
 CHANNEL: Final = "channel "
 """With its number, the name of the metadata that repeat a topic, which else stands in one chunk alone."""
+COUNTS: Final = "counts"
+"""Name of the metadata of a log that was closed: how many messages each topic has."""
 MISSING: Final = "missing"
 """Name of the metadata of a log that not all reached: how many `messages`."""
 REPAIR: Final = "repair"
@@ -79,6 +81,7 @@ class McapLog:
         self._joint_names = tuple(joint_names)
         self._channels: dict[str, tuple[str, int]] = {}
         self._schema_ids: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
         self._last_stamp_ns = 0
         self.size = 0
         self._stream, self._where, self._owns_stream = _open_stream(target)
@@ -197,6 +200,8 @@ class McapLog:
         """Writes what is waiting and the summary, and closes the file. A second call does nothing."""
         if not self.is_open:
             return
+        if self._counts:
+            self.metadata(COUNTS, {topic: str(count) for topic, count in self._counts.items()})
         with self._storing():
             self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates arguments, and this has none
             self._stream.flush()
@@ -222,6 +227,7 @@ class McapLog:
                     self._schema_ids[type_name] = schema_id
                 channel = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
                 self._channels[topic] = (type_name, channel)
+                self._counts[topic] = 0
                 values = {"topic": topic, "type": type_name, "definition": text}
                 self._writer.add_metadata(f"{CHANNEL}{channel}", values)
             known, channel = self._channels[topic]
@@ -230,6 +236,7 @@ class McapLog:
                     f"Topic {topic} in {self._where} holds {known} and cannot also hold {type_name}: use another topic."
                 )
             self._writer.add_message(channel, stamp_ns, data, stamp_ns)
+            self._counts[topic] += 1
         self._last_stamp_ns = stamp_ns
 
     def _end_provisionally(self) -> None:

@@ -2,6 +2,7 @@
 """The loop's side of the recorder: hands each cycle to a process of its own and never waits for it."""
 
 import contextlib
+import importlib
 import logging
 import os
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from segway_ecc.node.recording.codec import (
     pack_diagnostics,
     pack_state,
 )
+from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, cycle_of
 from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota, part_paths
 from segway_ecc.node.ring import LARGEST, RingWriter, open_ring, slots_for
@@ -40,7 +42,7 @@ _logger = logging.getLogger(__name__)
 class ProcessRecorder:
     """See `cycle.interfaces.Recorder`; counts messages `dropped`, because the writer did not keep up or is gone."""
 
-    __slots__ = ("_buffer", "_path", "_process", "_ring", "dropped")
+    __slots__ = ("_buffer", "_last_cycle", "_path", "_process", "_ring", "dropped")
 
     def __init__(
         self, path: Path, layout: CycleLayout, provenance: Provenance = NO_PROVENANCE, bounds: LogQuota | None = None
@@ -51,6 +53,7 @@ class ProcessRecorder:
             RecordingError: The log cannot be written, or a cycle of this robot is too large for it.
         """
         self.dropped = 0
+        self._last_cycle: int | None = None
         self._path = path
         size = CycleCodec(layout).size
         if size > LARGEST:
@@ -81,7 +84,7 @@ class ProcessRecorder:
 
     def write(self, record: CycleRecord) -> None:
         """Hand over a cycle; one that finds no room is dropped and counted."""
-        buffer = self._buffer
+        buffer, self._last_cycle = self._buffer, record.cycle
         pack_cycle(record, buffer)
         if not self._ring.put(CYCLE, buffer):
             self.dropped += 1
@@ -106,10 +109,33 @@ class ProcessRecorder:
     def close(self) -> None:
         """Let the writer finish the log."""
         with contextlib.suppress(BrokenPipeError):  # it is gone, which its status reports
-            send_task(self._process, RunEnd(self.dropped))
+            send_task(self._process, RunEnd(self.dropped, self._last_cycle))
         status = end_helper(self._process, _CLOSE_S)
         if status != 0:
             _logger.warning("the recorder ended with status %d; the log %s may be incomplete", status, self._path)
         self.dropped += self._ring.held()
-        if self.dropped:
+        if status != 0 and self._last_cycle is not None:
+            self._report_lost(self._last_cycle)
+        elif self.dropped:
             _logger.warning("%d records are missing in the log %s", self.dropped, self._path)
+
+    def _report_lost(self, last: int) -> None:
+        """Count what a writer that failed did not write, also of what it had taken: the log itself tells."""
+        kept = _newest_cycle(self._path)
+        self.dropped = max(self.dropped, last - kept)
+        if last > kept:
+            text = "at least %d records are missing in the log %s: cycles %d to %d, and what came with them"
+            _logger.warning(text, self.dropped, self._path, kept + 1, last)
+        elif self.dropped:
+            _logger.warning("%d records are missing in the log %s", self.dropped, self._path)
+
+
+def _newest_cycle(path: Path) -> int:
+    """The number of the last cycle that is whole in a log's files; -1 where there is none."""
+    salvage = importlib.import_module("segway_ecc.node.recording.salvage")  # which a loop whose log is well never needs
+    for part in reversed(part_paths(path)):
+        with contextlib.suppress(RecordingError):
+            message = salvage.Salvage(part).newest(CYCLE_TOPIC)
+            if message is not None:
+                return cycle_of(message.data)
+    return -1

@@ -11,7 +11,7 @@ import mmap
 import re
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -38,7 +38,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_log import COPIES
-from segway_ecc.node.recording.mcap_log import CHANNEL, MISSING, REPAIR, McapLog
+from segway_ecc.node.recording.mcap_log import CHANNEL, COUNTS, MISSING, REPAIR, McapLog
 
 # What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
 _DAMAGE = (
@@ -97,6 +97,7 @@ class Salvage:
         self.topics: dict[str, SalvagedTopic] = {}
         self._names: dict[int, str] = {}
         self._schemas: dict[int, Schema] = {}
+        self._wanted: dict[str, int] = {}
         self._chunks: list[tuple[int, int]] = []
         try:
             with path.open("rb") as stream:
@@ -119,7 +120,22 @@ class Salvage:
 
     def messages(self) -> Iterator[tuple[str, Message]]:
         """The messages of every chunk that is whole, each with its topic."""
-        for begin, end in self._chunks:
+        found = dict.fromkeys(self._wanted, 0)
+        for topic, message in self._messages_in(self._chunks):
+            found[topic] = found.get(topic, 0) + 1
+            yield topic, message
+        self._compare_counts(found)
+
+    def newest(self, topic: str) -> Message | None:
+        """The last message on a topic that is whole; reads no more of the file than it has to."""
+        for place in reversed(self._chunks):
+            found = [message for name, message in self._messages_in([place]) if name == topic]
+            if found:
+                return found[-1]
+        return None
+
+    def _messages_in(self, chunks: Iterable[tuple[int, int]]) -> Iterator[tuple[str, Message]]:
+        for begin, end in chunks:
             chunk = _record_in(self._data, begin, end)
             for record in breakup_chunk(chunk) if isinstance(chunk, Chunk) else ():
                 if isinstance(record, Message) and record.channel_id in self._names:
@@ -128,6 +144,16 @@ class Salvage:
                     self._report(f"a message's topic is not known: its number is {record.channel_id}")
                 else:
                     self._keep(record)
+
+    def _compare_counts(self, found: Mapping[str, int]) -> None:
+        """Report what a topic lacks of the messages that it had when the log was closed."""
+        lacks = [
+            f"{wanted - found.get(topic, 0)} of {wanted} messages on {topic}"
+            for topic, wanted in self._wanted.items()
+            if wanted > found.get(topic, 0)
+        ]
+        if lacks:
+            self._report(f"{', '.join(lacks)} are missing")
 
     def _look_through(self) -> None:
         """Find the records; what is between two of them is damaged."""
@@ -185,6 +211,7 @@ class Salvage:
         elif statistics is not None:
             counts = statistics.channel_message_counts
             self.counts = {name: counts.get(number, 0) for number, name in self._names.items()}
+            self._compare_counts(self.counts)
 
     def _keep(self, record: McapRecord) -> None:
         match record:
@@ -194,6 +221,9 @@ class Salvage:
                 with contextlib.suppress(ValueError, KeyError):  # it has no checksum of its own
                     self.topics[values["topic"]] = SalvagedTopic(values["type"], values["definition"])
                     self._names[int(name.removeprefix(CHANNEL))] = values["topic"]
+            case Metadata(name=name, metadata=values) if name == COUNTS:
+                with contextlib.suppress(ValueError):  # as above
+                    self._wanted = {topic: int(count) for topic, count in values.items()}
             case Metadata(name=name, metadata=values):
                 self.metadata[name] = values
             case Schema():

@@ -25,6 +25,7 @@ from segway_ecc.node.recording.codec import (
     unpack_diagnostics,
 )
 from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.cycle_message import cycle_of
 from segway_ecc.node.recording.layout import LogPart
 from segway_ecc.node.recording.log_quota import part_path, remove_oldest_logs
 from segway_ecc.node.recording.mcap_log import MISSING
@@ -66,6 +67,7 @@ class BoundedLog:
         self._part = LogPart(number=0)
         self._unflushed = 0
         self._log: CycleLog | None = None
+        self._last_cycle: int | None = None
         try:
             self._next()
         except RecordingError as error:
@@ -88,6 +90,8 @@ class BoundedLog:
     def write(self, kind: int, body: bytes) -> None:
         """Log one message."""
         self._unflushed += 1
+        if kind == CYCLE:
+            self._last_cycle = cycle_of(body)
         if self._log is None:
             return
         try:
@@ -128,8 +132,10 @@ class BoundedLog:
         except RecordingError as error:
             self._lose(error)
 
-    def close(self, missing: int = 0, *, is_end: bool = True) -> None:
+    def close(self, missing: int = 0, *, is_end: bool = True, last_cycle: int | None = None) -> None:
         """Finish the log; so many messages never reached it. It has an end unless the node was killed.
+
+        The last cycle is the newest that came here, unless the loop knows of a later one.
 
         Raises:
             RecordingError: The disk refuses, and the end of the log is missing.
@@ -139,7 +145,7 @@ class BoundedLog:
             raise RecordingError(f"{self.dropped} messages at the end of the log {self._path} are missing")
         if missing:
             self._log.metadata(MISSING, {"messages": str(missing)})
-        self._log.close(is_end=is_end)
+        self._log.close(is_end=is_end, last_cycle=self._last_cycle if last_cycle is None else last_cycle)
 
     def _next(self) -> None:
         """Open the next file; its name and its beginning are on the disk when this returns."""
@@ -195,8 +201,8 @@ def write_log(source: int, memory: int) -> None:
     damaged = log.damaged + ring.damaged
     if damaged:
         _report(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
-    dropped = msgspec.json.decode(end, type=RunEnd).dropped if end else 0
-    log.close(damaged + dropped, is_end=bool(end))
+    told = msgspec.json.decode(end, type=RunEnd) if end else RunEnd(0)
+    log.close(damaged + told.dropped, is_end=bool(end), last_cycle=told.last_cycle)
 
 
 def _report(text: str) -> None:

@@ -30,7 +30,7 @@ from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.codec import unpack_state
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE, STATE_TOPIC
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage, restore_events
-from segway_ecc.node.recording.layout import END_FILE, MODEL, PART_FILE, ROBOT_FILE, CycleLayout, LogPart
+from segway_ecc.node.recording.layout import END_FILE, MODEL, PART_FILE, ROBOT_FILE, CycleLayout, LogEnd, LogPart
 from segway_ecc.node.recording.log_quota import following_parts, part_paths
 from segway_ecc.node.recording.salvage import Salvage
 
@@ -75,6 +75,7 @@ class RecordedRun:
         self.version = self._first.metadata.get("software", {}).get("segway-ecc", "")
         self._message = CycleMessage(self.layout)
         self._newest: Snapshot | None = None
+        self._last_cycle: int | None = None
 
     def cycles(self) -> Iterator[CycleRecord]:
         """Every cycle that is there, in order; see `snapshot` and what follows it."""
@@ -95,8 +96,9 @@ class RecordedRun:
                 self.snapshot = newest if newest is not None and newest.cycle == record.cycle else None
                 expected = record.cycle + 1
                 yield record
-        if unseen > 0:
-            self._lack(expected, expected + unseen)
+        end = max(expected + unseen, expected if self._last_cycle is None else self._last_cycle + 1)
+        if end > expected:
+            self._lack(expected, end, is_end=True)
 
     def _files(self) -> Iterator[Salvage]:
         """The files of the run, in order; what is missing or does not belong there is damage."""
@@ -117,11 +119,20 @@ class RecordedRun:
                 continue
             expected = part.number + 1
             is_ended = END_FILE in file.attachments
+            if is_ended:
+                self._read_end(file, part)
             self.is_cut = self.is_cut or file.is_cut
             self._report(*file.damage)
             yield file
             self._report(*file.damage)  # what the messages showed
         self.is_cut = self.is_cut or not is_ended
+
+    def _read_end(self, file: Salvage, part: LogPart) -> None:
+        """Learn which cycle was the run's last."""
+        end = _decoded(file, END_FILE, LogEnd)
+        self._last_cycle = end.last_cycle
+        if end.number != part.number:
+            self._report(f"{file.path.name}: its end is that of part {end.number}, and it is part {part.number}")
 
     def _report(self, *damage: str) -> None:
         self.damage += [text for text in damage if text not in self.damage]
@@ -148,10 +159,10 @@ class RecordedRun:
                 texts.clear()
                 yield restore_events(record, held), len(held), events
 
-    def _lack(self, first: int, end: int) -> None:
+    def _lack(self, first: int, end: int, *, is_end: bool = False) -> None:
         self.missing.append((first, end - 1))
         missing = f"cycles {first} to {end - 1} are missing in the log"
-        self.gap = self.gap or (f"the log begins with cycle {end}" if first == 0 else missing)
+        self.gap = self.gap or (f"the log begins with cycle {end}" if first == 0 and not is_end else missing)
 
 
 class RecordedRobot(NoStage):

@@ -78,12 +78,26 @@ def test_robot_drives_on_after_recorder_failure_and_logs_it_once(
     assert said == [f"recording has ended: {type(error).__name__}: the disk is full"]
 
 
-def test_nothing_more_is_given_to_one_that_failed_but_it_is_closed(make_bench: Callable[..., Bench]) -> None:
+def test_nothing_more_is_given_to_one_that_failed_but_it_is_closed(
+    make_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture
+) -> None:
     bench, disk = make_bench(), Disk(["write_diagnostics"], OSError("gone"))
-    loop_with(bench, disk).run(cycles=250)
+    with caplog.at_level(logging.WARNING):
+        loop_with(bench, disk).run(cycles=250)
     writes = disk.calls.count("write")
     assert disk.calls == ["write"] * writes + ["write_state", "write_diagnostics", "close"]
     assert 100 <= writes < 120, "the first diagnostics come after a second"
+    lost = f"the log lacks {250 - writes} cycles, from cycle {writes} on: none was handed over"
+    assert [line for line in caplog.messages if "lacks" in line] == [lost]
+
+
+def test_a_cycle_that_it_failed_with_counts_as_missing(
+    make_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = make_bench()
+    with caplog.at_level(logging.WARNING):
+        loop_with(bench, Disk(["write"], OSError("gone"))).run(cycles=20)
+    assert "the log lacks 20 cycles, from cycle 0 on: none was handed over" in caplog.messages
 
 
 def test_one_that_does_not_fail_is_given_everything(make_bench: Callable[..., Bench]) -> None:

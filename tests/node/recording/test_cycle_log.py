@@ -178,6 +178,7 @@ def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: CycleLayou
     assert attachments.pop("robot.yaml") == b"name: testbot"
     assert list(attachments) == ["part.json", "layout.json", "end.json"]
     assert msgspec.json.decode(attachments["layout.json"], type=CycleLayout) == layout
+    assert metadata.pop("counts") == {"/diagnostics": "1"}
     assert metadata.pop("channel 1")["topic"] == "/diagnostics"
     assert metadata == {"robot": {"name": "testbot"}, "model": {"sha256": "12"}, **surroundings()}
 

@@ -121,7 +121,7 @@ def test_the_summary_lists_what_the_file_holds(run: Path) -> None:
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
         (attachment,) = reader.iter_attachments()
-        *topics, metadata = sorted(reader.iter_metadata(), key=lambda found: found.name)
+        *topics, counts, metadata = sorted(reader.iter_metadata(), key=lambda found: found.name)
     assert summary is not None
     assert {schema.name: schema.data.decode() for schema in summary.schemas.values()} == SCHEMAS
     assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
@@ -129,12 +129,14 @@ def test_the_summary_lists_what_the_file_holds(run: Path) -> None:
     assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
     statistics = summary.statistics
     assert isinstance(statistics, Statistics)
-    assert (statistics.message_count, statistics.attachment_count, statistics.metadata_count) == (8, 1, 1 + len(TYPES))
+    assert (statistics.message_count, statistics.attachment_count, statistics.metadata_count) == (8, 1, 2 + len(TYPES))
     assert (statistics.message_start_time, statistics.message_end_time) == (START_NS, START_NS + 7)
     assert (attachment.name, attachment.media_type) == ("robot.yaml", "application/yaml")
     assert attachment.data == b"name: segway"
     assert attachment.log_time == START_NS + 5
     assert {found.metadata["topic"]: found.metadata["type"] for found in topics} == TYPES
+    assert (counts.name, counts.metadata.keys()) == ("counts", TYPES.keys())
+    assert sum(map(int, counts.metadata.values())) == 8
     assert (metadata.name, metadata.metadata) == ("run", {"software": "0.1.0", "größe": "1 m"})
 
 

@@ -27,7 +27,7 @@ from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
-from segway_ecc.node.recording.layout import END_FILE, CycleLayout, Provenance, layout_of
+from segway_ecc.node.recording.layout import END_FILE, CycleLayout, LogEnd, Provenance, layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.robot import build_robot
@@ -145,7 +145,7 @@ def test_a_killed_writer_costs_only_its_cycles(
     assert recorder.dropped == 11
     assert [entry.getMessage() for entry in caplog.records] == [
         f"the recorder ended with status -9; the log {path} may be incomplete",
-        f"11 records are missing in the log {path}",
+        f"at least 11 records are missing in the log {path}: cycles 0 to 10, and what came with them",
     ]
     assert {entry.levelno for entry in caplog.records} == {logging.WARNING}
 
@@ -176,10 +176,50 @@ def test_a_loop_whose_writer_is_killed_drives_on_and_reports_it_once(
     assert loop.counters.cycles == 450
     assert loop.modes.mode is Mode.ARMED
     assert lines.count(f"recording has ended: RecordingError: the process that writes the log {path} is gone") == 1
-    assert f"{recorder.dropped} records are missing in the log {path}" in lines
+    first, last = len(kept), len(kept) + recorder.dropped - 1
+    lost = f"at least {recorder.dropped} records are missing in the log {path}: cycles {first} to "
+    (said,) = [line for line in lines if line.startswith(lost)]
+    handed_over = int(said.removeprefix(lost).split(",")[0]) + 1
+    assert handed_over <= last + 1
+    # What was handed over, and what was not: every cycle of the run is in the log or counted.
+    assert f"the log lacks {450 - handed_over} cycles, from cycle {handed_over} on: none was handed over" in lines
     assert kept == list(range(len(kept)))
     # It is asked for once a second, and given nothing from then on.
     assert 50 <= recorder.dropped <= 160
+
+
+def test_what_a_killed_writer_had_taken_and_not_written_is_counted(
+    recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord], caplog: pytest.LogCaptureFixture
+) -> None:
+    for cycle in range(10):
+        recorder.write(record(cycle))
+    wait_for(lambda: len(salvaged(path)) == 10)
+    recorder._process.kill()
+    recorder._process.wait(PATIENCE_S)
+    for cycle in range(10, 40):
+        recorder.write(record(cycle))
+    while recorder._ring.held():  # as if the writer had taken them and died before its next flush
+        recorder._ring._ring[: recorder._ring._slots] = bytes(recorder._ring._slots)
+    recorder.close()
+
+    assert recorder.dropped == 30
+    assert caplog.messages[-1] == (
+        f"at least 30 records are missing in the log {path}: cycles 10 to 39, and what came with them"
+    )
+
+
+def test_the_last_cycle_of_a_run_is_named_where_it_found_no_room(
+    recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord]
+) -> None:
+    recorder._process.send_signal(signal.SIGSTOP)
+    os.waitpid(recorder._process.pid, os.WUNTRACED)
+    for cycle in range(MORE_THAN_FIT):
+        recorder.write(record(cycle))
+    recorder._process.send_signal(signal.SIGCONT)
+    recorder.close()
+
+    end = msgspec.json.decode(Salvage(path).attachments[END_FILE], type=LogEnd)
+    assert (end.number, end.last_cycle) == (1, MORE_THAN_FIT - 1)
 
 
 def test_a_stopped_writer_holds_nothing_up_and_what_does_not_fit_is_counted(

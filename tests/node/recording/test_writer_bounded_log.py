@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.codec import CYCLE, CycleCodec, RecorderSettings
-from segway_ecc.node.recording.layout import CycleLayout, LogPart, Provenance
+from segway_ecc.node.recording.layout import CycleLayout, LogEnd, LogPart, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
 from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.recording.writer import BoundedLog
@@ -83,9 +83,10 @@ def test_a_long_run_is_in_files_that_each_stand_alone(
             attached = {attached.name: attached.data for attached in reader.iter_attachments()}
         assert attached.keys() - {"end.json"} == {"layout.json", "robot.json", "part.json"}
         parts.append(msgspec.json.decode(attached["part.json"], type=LogPart))
-        assert attached.get("end.json") == (attached["part.json"] if found == files[-1] else None)
+        assert ("end.json" in attached) == (found == files[-1])
     assert [part.number for part in parts] == list(range(1, len(files) + 1))
     assert len({part.run for part in parts}) == 1
+    assert msgspec.json.decode(attached["end.json"], type=LogEnd) == LogEnd(parts[-1].run, len(files), 599)
     assert messages == []
 
 

@@ -111,5 +111,8 @@ def test_the_cycles_of_the_last_chunk_are_reported_as_missing(segway_ecc: Run, l
     assert outcome.code == 9
     assert outcome.errors == [
         f"segway-ecc: last.mcap: bytes {begin} to {end - 1} are damaged",
+        "segway-ecc: last.mcap: 1 of 9 messages on /cycle_events, "
+        + ", ".join(f"25 of 300 messages on {topic}" for topic in ("/cycle", "/setpoint", "/odom", "/joint_states"))
+        + " are missing",
         "segway-ecc: cycles 275 to 299 are missing in the log",
     ]

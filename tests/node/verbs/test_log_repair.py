@@ -55,12 +55,15 @@ def test_what_was_damaged_is_left_out_and_stays_reported(segway_ecc: Run, log: P
     data = bytearray(log.read_bytes())
     data[len(data) // 2] ^= 0xFF
     log.write_bytes(data)
-    damage = Salvage(log).damage
+    source = Salvage(log)
+    assert len(source.damage) == 1
+    assert list(source.messages())
+    damage = source.damage
     outcome = segway_ecc("log", "repair", str(log), "--out", str(tmp_path / "b.mcap"), "--json")
     report = json.loads(outcome.out)
 
     assert (outcome.code, report["damage"], report["cut"]) == (9, damage, False)
-    assert len(damage) == 1
+    assert damage[1].endswith(" are missing")
     assert Salvage(tmp_path / "b.mcap").damage == damage
     assert cycles_in(tmp_path / "b.mcap") == sum(topic == "/cycle" for topic, _ in Salvage(log).messages())
 

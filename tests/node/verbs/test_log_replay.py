@@ -11,11 +11,14 @@ from typing import Any
 import msgspec
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from msgspec.structs import replace
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import Provenance
+from segway_ecc.node.recording.cycle_message import cycle_of
+from segway_ecc.node.recording.layout import LogEnd, LogPart, Provenance
+from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.replay.recorded import RecordedRun
 
 Run = Callable[..., Any]
@@ -107,6 +110,69 @@ def test_missing_cycles_are_located_with_exit_code_9(segway_ecc: Run, log: Path)
         "segway-ecc: cycles 30 to 30 are missing in the log",
         f"segway-ecc: {cycles - 31} cycles are whole and could not be compared: {why}",
     ]
+
+
+def copied(log: Path, keep: Callable[[str, bytes], bool], change: Callable[[bytes], bytes] = bytes) -> Path:
+    """The log made anew by a tool of its own, whole in itself: with the messages to keep, and its end changed."""
+    path = log.with_name("copied.mcap")
+    with log.open("rb") as stream, path.open("wb") as out:
+        reader, made = make_reader(stream), Writer(out)
+        made.start(profile="ros2")
+        channels: dict[str, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if schema is None or not keep(channel.topic, message.data):
+                continue
+            if channel.topic not in channels:
+                number = made.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = made.register_channel(channel.topic, channel.message_encoding, number)
+            made.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+        for found in reader.iter_attachments():
+            data = change(found.data) if found.name == "end.json" else found.data
+            made.add_attachment(found.create_time, found.log_time, found.name, found.media_type, data)
+        for values in reader.iter_metadata():
+            if not values.name.startswith("channel "):
+                made.add_metadata(values.name, values.metadata)
+        made.finish()  # type: ignore[no-untyped-call]  # mcap annotates arguments, and this has none
+    return path
+
+
+def test_a_log_without_its_last_cycles_says_which_are_missing(segway_ecc: Run, log: Path) -> None:
+    last = max(record.cycle for record in RecordedRun(log).cycles())
+    outcome = segway_ecc(
+        "log", "replay", str(copied(log, lambda topic, data: topic != "/cycle" or cycle_of(data) < 100))
+    )
+
+    assert outcome.code == 9
+    assert outcome.out.startswith("identical: 100 cycles")
+    assert f"segway-ecc: cycles 100 to {last} are missing in the log" in outcome.errors
+    lacks = f"segway-ecc: copied.mcap: {last - 99} of {last + 1} messages on /cycle are missing"
+    assert lacks in outcome.errors
+
+
+def test_a_log_without_its_snapshots_says_how_many_are_missing(segway_ecc: Run, log: Path) -> None:
+    there = sum(topic == "/state" for topic, _ in Salvage(log).messages())
+    outcome = segway_ecc("log", "replay", str(copied(log, lambda topic, _: topic != "/state")))
+
+    assert there > 0
+    assert outcome.code == 9
+    assert outcome.errors == [f"segway-ecc: copied.mcap: {there} of {there} messages on /state are missing"]
+
+
+def test_a_copy_that_lacks_nothing_and_an_end_of_an_older_version_are_whole(segway_ecc: Run, log: Path) -> None:
+    def older(end: bytes) -> bytes:
+        return msgspec.json.encode(msgspec.json.decode(end, type=LogPart))
+
+    outcome = segway_ecc("log", "replay", str(copied(log, lambda _topic, _data: True, older)))
+    assert (outcome.code, outcome.errors) == (0, [])
+
+
+def test_an_end_of_another_file_is_reported(segway_ecc: Run, log: Path) -> None:
+    def other(end: bytes) -> bytes:
+        return msgspec.json.encode(replace(msgspec.json.decode(end, type=LogEnd), number=3))
+
+    outcome = segway_ecc("log", "replay", str(copied(log, lambda _topic, _data: True, other)))
+    assert outcome.code == 9
+    assert outcome.errors == ["segway-ecc: copied.mcap: its end is that of part 3, and it is part 1"]
 
 
 def test_truncated_log_is_replayed_up_to_its_end_with_exit_code_9(segway_ecc: Run, log: Path) -> None:
