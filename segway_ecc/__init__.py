@@ -5,9 +5,7 @@ What other code may import is what `__all__` lists here, in `segway_ecc.drives` 
 it is from one version to the next. Everything in the rooms `firmware_io`, `node`, `deploy` and `hil` may change.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Final
-
+TYPE_CHECKING = False  # what type checkers take for true; `typing` itself would cost a start more than all of this
 if TYPE_CHECKING:
     from segway_ecc.firmware_io.errors import SegwayEccError
     from segway_ecc.node.config import RobotFile, load_robot
@@ -30,7 +28,7 @@ __all__ = [
     "simulate",
 ]
 
-_MODULES: Final = {
+_MODULES = {
     "Method": "node.model.sectioned",
     "Model": "node.model.model",
     "RobotFile": "node.config",
@@ -54,4 +52,6 @@ def __getattr__(name: str) -> object:
     """Import a name at its first use: a robot starts without what it does not use."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib  # noqa: PLC0415 - the command imports nothing before it has taken Ctrl-C
+
     return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -28,7 +28,7 @@ from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.rig.simulation import hardware_of
 from segway_ecc.hil.verbs.proofs import check_counts, claims_out, has_figures, writing_to
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, print_found
+from segway_ecc.node.cli.options import add_json, output_folder, print_found
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.native.compile import missing_compiler
 from segway_ecc.node.ros.runtime import missing_packages
@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--plant-channel", metavar="CHANNEL", help="CAN interface of its plant (default: the same)")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")
-    parser.add_argument("--out", type=Path, default=Path("out/case-study"), help="folder for the report and the logs")
+    parser.add_argument(
+        "--out", type=output_folder, default=Path("out/case-study"), help="folder for the report and the logs"
+    )
 
 
 @ends_at_once()

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Final, TypeVar
 
 from segway_ecc.hil.design.balance_margins import (
@@ -28,7 +27,7 @@ from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.hil.verbs.design_gains import segway_parameters
 from segway_ecc.hil.verbs.proofs import add_count, add_packaged_robot, check_counts, claims_out, write_report
-from segway_ecc.node.cli.options import add_json, print_found
+from segway_ecc.node.cli.options import add_json, output_folder, print_found
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters
@@ -57,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also on floors of these frictions, such as 0.5 0.6 0.8 1.2, on the plant whose wheels slip",
     )
     add_count(parser, "jobs")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write margins.json there, and margins.png")
+    parser.add_argument("--out", type=output_folder, metavar="FOLDER", help="write margins.json there, and margins.png")
     add_json(parser)
 
 

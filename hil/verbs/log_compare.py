@@ -20,7 +20,7 @@ from segway_ecc.hil.comparison.logged import read_run
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.proofs import claims_out, write_report
-from segway_ecc.node.cli.options import Curve, add_json, draw_panels, drawing_file, print_found
+from segway_ecc.node.cli.options import Curve, add_json, draw_panels, drawing_file, output_folder, print_found
 from segway_ecc.node.errors import ConfigurationError, RecordingError
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
 
@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--begin", type=float, default=0.0, metavar="S", help="leave out what comes before")
     parser.add_argument("--end", type=float, default=_LONGEST_S, metavar="S", help="leave out what comes after")
     parser.add_argument("--plot", type=drawing_file, metavar="FILE", help="draw both, signal by signal (PNG, SVG)")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write the report there, and the figures as JSON")
+    parser.add_argument(
+        "--out", type=output_folder, metavar="FOLDER", help="write the report there, and the figures as JSON"
+    )
     add_json(parser)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from segway_ecc.hil.floor.contact import LEAST_FRICTION, MOST_FRICTION
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.node.cli.options import add_json, output_folder
 from segway_ecc.node.errors import ConfigurationError
 
 
@@ -32,7 +32,9 @@ def add_count(parser: argparse.ArgumentParser, name: str, what: str = "processes
 def add_study(parser: argparse.ArgumentParser) -> None:
     """What every study has: its quick part, its report and its JSON."""
     parser.add_argument("--quick", action="store_true", help="a part of it, in some seconds")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write the report there, and what was found as JSON")
+    parser.add_argument(
+        "--out", type=output_folder, metavar="FOLDER", help="write the report there, and what was found as JSON"
+    )
     add_json(parser)
 
 

@@ -5,7 +5,6 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 
@@ -17,7 +16,7 @@ from segway_ecc.hil.campaign.scenario import Scenario, ScenarioResult, ScenarioR
 from segway_ecc.hil.floor.contact import lacks_mujoco
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.proofs import add_count, add_floor, check_counts, check_floor, claims_out, writing_to
-from segway_ecc.node.cli.options import add_json, print_found
+from segway_ecc.node.cli.options import add_json, output_folder, print_found
 from segway_ecc.node.errors import ConfigurationError
 
 
@@ -27,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(parser, "jobs")
     parser.add_argument("--seeds", type=int, metavar="N", help="run seeds 0 to N-1 of each instead of its own")
     parser.add_argument(
-        "--out", type=Path, metavar="FOLDER", help="write campaign.html, campaign.json and failure-modes.md there"
+        "--out",
+        type=output_folder,
+        metavar="FOLDER",
+        help="write campaign.html, campaign.json and failure-modes.md there",
     )
     parser.add_argument(
         "--replay", action="store_true", help="record each run too, replay its log, and ask that it be identical"

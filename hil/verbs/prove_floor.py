@@ -17,7 +17,7 @@ from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.hil.verbs.design_gains import segway_parameters
 from segway_ecc.hil.verbs.proofs import add_count, add_packaged_robot, check_counts, claims_out, write_report
-from segway_ecc.node.cli.options import add_json, print_found
+from segway_ecc.node.cli.options import add_json, output_folder, print_found
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--before", type=Path, metavar="FILE", help="the floor.json of an earlier run, to be shown beside this one"
     )
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write floor.json there, and floor.png")
+    parser.add_argument("--out", type=output_folder, metavar="FOLDER", help="write floor.json there, and floor.png")
     add_json(parser)
 
 

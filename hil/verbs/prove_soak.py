@@ -16,7 +16,7 @@ from segway_ecc.hil.soak import real_time, simulated
 from segway_ecc.hil.soak.watching import WARM_UP, Series, Verdict, Watching, figure, judge
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.hil.verbs.proofs import add_packaged_robot, claims_out, write_report
-from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.cli.options import add_json, output_folder, print_json
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.runtime import missing_packages
 
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MIN",
         help="minutes on the clock; 0 for none (default: 30)",
     )
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write soak.json and soak-*.svg there")
+    parser.add_argument("--out", type=output_folder, metavar="FOLDER", help="write soak.json and soak-*.svg there")
     add_json(parser)
 
 

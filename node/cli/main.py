@@ -7,6 +7,11 @@ that is full; 2 arguments, robot file or sequence file; 3 model; 4 hardware; 5 R
 or not received whole; 14 a run failed although repeated; 130 Ctrl-C.
 """
 
+if __name__ == "__main__":  # with `python -m` as the command: before the imports
+    from segway_ecc.node.cli.first import end_by_interrupt, run_imported
+
+    is_ours = end_by_interrupt()
+
 import argparse
 import contextlib
 import difflib
@@ -218,4 +223,4 @@ class _Completion(argparse.Action):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_imported(main, is_ours=is_ours))

@@ -225,6 +225,17 @@ def output_file(text: str) -> Path:
     return path
 
 
+def output_folder(text: str) -> Path:
+    """The folder of an option; an empty name, as of a shell's variable that is not set, is no name of this folder.
+
+    Raises:
+        ConfigurationError: It is empty.
+    """
+    if not text:
+        raise ConfigurationError("the name of the folder to write to is empty; the current one is '.'")
+    return Path(text)
+
+
 def drawing_file(text: str) -> Path:
     """The file of an option that draws, which can be written and drawn; its name ends in its format.
 

@@ -50,10 +50,17 @@ class Commander:
     Attributes:
         mode: The robot's mode in its newest diagnostics; None before the first.
         reason: Why it is in that mode.
+        took_s: How long the manoeuvre took in real time, from its first odometry to its last, s: at least, as it counts
+            in time in which this process could receive. The robot's stamps do not tell: they stand while its loop does.
     """
 
     def __init__(
-        self, node: RosObject, executor: RosObject, robot_node: str, stopped: Callable[[], str | None]
+        self,
+        node: RosObject,
+        executor: RosObject,
+        robot_node: str,
+        stopped: Callable[[], str | None],
+        monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """Use `node`, an rclpy node of the robot's namespace, to command the model node named `robot_node`.
 
@@ -63,9 +70,12 @@ class Commander:
             robot_node: Name of the model node.
             stopped: Polled often; returns the signal that is to end what goes on, or None. (An exception raised in a
                 signal handler would be lost where it hits rclpy's C++ code.)
+            monotonic_s: The clock that how long things take is counted by, s.
         """
         self.mode: Mode | None = None
         self.reason = ""
+        self.took_s = 0.0
+        self._monotonic_s = monotonic_s
         self._stopped = stopped
         self._node = node
         self._executor = executor
@@ -164,8 +174,9 @@ class Commander:
     def _watch(self, player: Player, on_progress: Callable[[float], None]) -> None:
         silent_s = unconfirmed_s = 0.0
         while player.state is PlayState.RUNNING:
-            before_ns = self._latest_ns
+            before_ns, was_under_way = self._latest_ns, player.is_under_way
             elapsed_s = self._spin()
+            self.took_s += elapsed_s if was_under_way else 0.0
             self._check_alone()
             silent_s = silent_s + elapsed_s if self._latest_ns == before_ns else 0.0
             on_progress(player.fraction)
@@ -215,11 +226,11 @@ class Commander:
         Raises:
             AbandonedError: A signal came.
         """
-        before_s = time.monotonic()
+        before_s = self._monotonic_s()
         self._executor.spin_once(timeout_sec=_SPIN_S)
         if self._stopped() is not None:
             raise AbandonedError(f"abandoned by {self._stopped()}")
-        return min(time.monotonic() - before_s, _SPIN_S)
+        return min(self._monotonic_s() - before_s, _SPIN_S)
 
     def _spin_until(self, done: Callable[[], bool], wait_s: float) -> None:
         waited_s = 0.0

@@ -212,6 +212,11 @@ class Player:
         return self.end_ns is not None and self.end_ns <= self.latest_ns
 
     @property
+    def is_under_way(self) -> bool:
+        """Whether the robot's newest stamp is from the start on, and before the end."""
+        return self.start_ns is not None and self.start_ns <= self.latest_ns and not self.has_reached_end
+
+    @property
     def received(self) -> list[Odometry]:
         """The robot's odometry of its cycles from the start to the end of the manoeuvre."""
         start_ns, end_ns = self.start_ns, self.end_ns

@@ -10,6 +10,7 @@ from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
     add_json,
     add_namespace,
+    check_seconds,
     output_file,
     print_found,
     ros_name,
@@ -19,10 +20,12 @@ from segway_ecc.node.cli.worker import Worker, run_in_worker
 from segway_ecc.node.errors import ConfigurationError, SequenceError, plain_number
 from segway_ecc.node.ros.commander import Commander
 from segway_ecc.node.ros.runtime import connections, ros_node, steady_executor
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, load_manoeuvre, single_segment
+from segway_ecc.node.sequence.manoeuvre import LONGEST_S, Manoeuvre, Odometry, Player, load_manoeuvre, single_segment
 
 _THREE: Final = 3
 _BAR: Final = 30
+_LATE_S: Final = 0.2
+"""What the way from the robot to here may add to how long a sequence took."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,8 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Play the sequence to its end."""
+    check_seconds(options, "wait", LONGEST_S)
     manoeuvre = _manoeuvre(options.what)
-    document, text = run_in_worker(lambda worker: _play(options, manoeuvre, worker))
+    document, text, warning = run_in_worker(lambda worker: _play(options, manoeuvre, worker))
+    sys.stderr.write(warning)
     print_found(options, document, text)
     return 0
 
@@ -68,7 +73,7 @@ def _play(options: argparse.Namespace, manoeuvre: Manoeuvre, worker: Worker) -> 
                     f"{commander.loss}; the robot played the sequence to its end, and its own log has all of them"
                 )
             write_csv(options.csv, Odometry._fields, player.received)
-        worker.finish(_found(player, [asdict(c) for c in graph], commander.loss))
+        worker.finish(_found(player, [asdict(c) for c in graph], commander))
 
 
 def _manoeuvre(what: list[str]) -> Manoeuvre:
@@ -91,18 +96,31 @@ def _show_progress(fraction: float) -> None:
         sys.stderr.flush()
 
 
-def _found(player: Player, graph: list[dict[str, str]], loss: str) -> tuple[dict[str, object], str]:
+def _found(player: Player, graph: list[dict[str, str]], commander: Commander) -> tuple[dict[str, object], str, str]:
+    """What to print: the JSON document, the text instead of it, and the warning on standard error, if any."""
     last = next((odometry for odometry in reversed(player.received) if odometry.stamp_ns == player.end_ns), None)
     if last is None:
         raise SequenceError(
-            f"the odometry of the last cycle was lost: {loss}; the robot played the sequence to its end, and its own "
-            "log has where it came to"
+            f"the odometry of the last cycle was lost: {commander.loss}; the robot played the sequence to its end, and "
+            "its own log has where it came to"
         )
+    seconds = ((player.end_ns or 0) - (player.start_ns or 0)) * 1e-9  # as driven, in whole cycles
+    took_s = max(commander.took_s, seconds)  # less is counted where this process was stopped
     document: dict[str, object] = {
         "start_ns": player.start_ns,
         "end_ns": player.end_ns,
+        "took_s": round(took_s, 3),
         "end": last._asdict(),
         "graph": graph,
     }
-    seconds = ((player.end_ns or 0) - (player.start_ns or 0)) * 1e-9  # as driven, in whole cycles
-    return document, f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n"
+    text = f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n"
+    return document, text, _lateness(seconds, took_s)
+
+
+def _lateness(seconds: float, took_s: float) -> str:
+    if took_s - seconds <= _LATE_S:
+        return ""
+    return (
+        f"segway-ecc: the sequence took {took_s:.1f} s instead of {seconds:g} s: the robot's loop was late, or its "
+        "messages were; it drove all of it, and its stamps count cycles\n"
+    )

@@ -80,3 +80,34 @@ def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Pa
 def test_a_command_that_is_still_being_imported_ends_without_a_traceback() -> None:
     done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, timeout=PATIENCE_S, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")
+
+
+AT_OUR_FIRST_IMPORT = """
+import os, runpy, signal, sys
+for name in ("typing", "enum", "signal", "contextlib", "importlib", "argparse"):
+    sys.modules.pop(name, None)  # as in an interpreter that has just started
+is_ours = False
+
+def interrupt(event, details):
+    global is_ours
+    if event == "import" and details[0].startswith("segway_ecc"):
+        is_ours = True
+    elif event == "import" and is_ours and details[0] != "_signal":
+        os.kill(os.getpid(), 2)
+
+sys.addaudithook(interrupt)
+"""
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        "from segway_ecc.node.cli.entry import main; main()",
+        "runpy.run_module('segway_ecc.node.cli.main', run_name='__main__')",
+    ],
+    ids=["command", "module"],
+)
+def test_nothing_is_imported_before_ctrl_c_ends_the_process(start: str) -> None:
+    words = [sys.executable, "-c", f"{AT_OUR_FIRST_IMPORT}\n{start}"]
+    done = subprocess.run(words, capture_output=True, timeout=PATIENCE_S, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")

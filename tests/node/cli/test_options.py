@@ -10,7 +10,7 @@ import pytest
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.firmware_io.links.settings import PortSettings, SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings, SerialOnlySettings
-from segway_ecc.node.cli.options import drawing_file, output_file, robot_file
+from segway_ecc.node.cli.options import drawing_file, output_file, output_folder, robot_file
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 
@@ -104,3 +104,9 @@ def test_without_the_drawing_library_a_drawing_is_refused_before(monkeypatch: py
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     with pytest.raises(ConfigurationError, match="--plot needs a drawing library"):
         drawing_file("x.png")
+
+
+def test_a_folder_without_a_name_is_not_the_current_one() -> None:
+    assert output_folder(".") == Path()
+    with pytest.raises(ConfigurationError, match="empty"):
+        output_folder("")
