@@ -42,7 +42,7 @@ def rewritten(log: Path, change: Callable[[CycleRecord], CycleRecord | None]) ->
         reader = make_reader(stream)
         attachments = {found.name: found.data.decode() for found in reader.iter_attachments()}
         metadata = {found.name: found.metadata for found in reader.iter_metadata()}
-    del attachments["layout.json"], metadata["robot"]
+    del attachments["layout.json"], metadata["robot"], metadata["counts"]
     made = CycleLog(path, run.layout, Provenance(attachments, metadata))
     for record in run.cycles():
         changed = change(record)
