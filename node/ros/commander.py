@@ -27,6 +27,8 @@ _DEPTH: Final = 10
 _ODOMETRY_DEPTH: Final = 1000
 """Odometry of ten seconds at 100 Hz may wait for us without loss."""
 _SPIN_S: Final = 0.1
+_STOPPED_S: Final = 0.5
+"""A spin that took so long is one in which this process was stopped; a busy machine takes a third of it."""
 _SILENCE_S: Final = 8.0
 """A model node whose ROS process died publishes again before, and the manoeuvre goes on meanwhile."""
 _ANSWER_S: Final = 2.0
@@ -173,10 +175,14 @@ class Commander:
 
     def _watch(self, player: Player, on_progress: Callable[[float], None]) -> None:
         silent_s = unconfirmed_s = 0.0
+        turn_began_s = self._monotonic_s()
         while player.state is PlayState.RUNNING:
             before_ns, was_under_way = self._latest_ns, player.is_under_way
             elapsed_s = self._spin()
-            self.took_s += elapsed_s if was_under_way else 0.0
+            turn_began_s, before_s = self._monotonic_s(), turn_began_s
+            if was_under_way:
+                turn_s = turn_began_s - before_s
+                self.took_s += turn_s if turn_s < _STOPPED_S else elapsed_s
             self._check_alone()
             silent_s = silent_s + elapsed_s if self._latest_ns == before_ns else 0.0
             on_progress(player.fraction)
