@@ -151,6 +151,10 @@ class FakeStation:
     async def _stop(self) -> None:
         self._ticker.cancel()
         await self._cut()
+        # A page that is gone leaves answers behind that nobody reads: closing would wait for them.
+        for connection in [] if self._runner.server is None else self._runner.server.connections:
+            if connection.transport is not None:
+                connection.transport.abort()
         await self._runner.cleanup()
 
     async def _cut(self) -> None:

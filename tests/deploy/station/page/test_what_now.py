@@ -54,6 +54,7 @@ def test_one_that_fell_is_never_green(page: "Page", station: FakeStation) -> Non
 @pytest.mark.parametrize(("can_stand", "last"), [(True, Act.STAND), (False, Act.ARM)])
 def test_one_button_leads_back_from_a_fault(page: "Page", station: FakeStation, can_stand: bool, last: Act) -> None:  # noqa: FBT001 - pytest
     station.robot(**{**FALLEN, "can_stand": can_stand})
+    there(page, "#way-back:not([aria-disabled])")
     press_any(page, "#way-back")
     station.wait(lambda: len(station.commands) > 1)
     assert [command.act for command in station.commands] == [Act.CLEAR_FAULT, last]
@@ -62,6 +63,7 @@ def test_one_button_leads_back_from_a_fault(page: "Page", station: FakeStation, 
 def test_where_it_is_refused_the_robot_stays_in_its_fault(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.CLEAR_FAULT] = (False, "the bus is still cut")
     station.robot(**FALLEN)
+    there(page, "#way-back:not([aria-disabled])")
     press_any(page, "#way-back")
     shows(page, "#command-failure", "Clear fault Alice failed: the bus is still cut")
     assert [command.act for command in station.commands] == [Act.CLEAR_FAULT]
