@@ -43,7 +43,7 @@ def test_a_robot_that_is_all_model_has_nothing_to_guard(segway_ecc: Run) -> None
     outcome = segway_ecc("guard", "cart")
 
     assert outcome.code == 2
-    assert one_line(outcome) == "segway-ecc: robot 'cart' is on no CAN bus: there is nothing to guard"
+    assert one_line(outcome) == "segway-ecc: robot 'cart' has no drives: there is nothing to guard"
 
 
 @pytest.mark.parametrize("limit", ["0.009", "0.21", "-1"])
