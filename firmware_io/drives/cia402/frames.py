@@ -32,8 +32,6 @@ _SDO_WRITE: Final = 0x20
 _SDO_WRITTEN: Final = 0x60
 _SDO_ABORTED: Final = 0x80
 _SDO_SPECIFIER: Final = 0xE0
-_SDO_OBJECT: Final = slice(1, 4)
-"""Index and sub-index in a request or answer."""
 
 
 @enum.unique
@@ -325,9 +323,14 @@ def is_answer(request: bytes, answer: bytes) -> bool:
     if specifier not in (SDO_READ, _SDO_WRITE):
         return True
     if answer[0] == _SDO_ABORTED:
-        return answer[_SDO_OBJECT] in (request[_SDO_OBJECT], bytes(3))
+        return _object_in(answer) in (_object_in(request), bytes(3))
     expected = SDO_READ if specifier == SDO_READ else _SDO_WRITTEN
-    return answer[0] & _SDO_SPECIFIER == expected and answer[_SDO_OBJECT] == request[_SDO_OBJECT]
+    return answer[0] & _SDO_SPECIFIER == expected and _object_in(answer) == _object_in(request)
+
+
+def _object_in(sdo: bytes) -> bytes:
+    """The index and subindex that an SDO bears."""
+    return sdo[1:4]
 
 
 def _check(data: bytes, length: int, what: str) -> None:
