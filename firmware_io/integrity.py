@@ -8,6 +8,7 @@ that arrives under another identifier is refused.
 
 import binascii
 import enum
+from collections import Counter
 from typing import Final
 
 COUNTER_VALUES: Final = 16
@@ -56,6 +57,18 @@ class FrameRefusedError(ValueError):
         """State the cause and what it was."""
         self.refusal = refusal
         super().__init__(f"{what} refused: {refusal}")
+
+
+def begins(received: bytearray, begin: bytes, refused: Counter[str]) -> bool:
+    """Whether a packet begins in what was received: what stands before it is removed, and counted as garbage.
+
+    Where none does, the last byte stays: it may be the first of two that begin one.
+    """
+    place = received.find(begin)
+    skipped = place if place >= 0 else max(len(received) - 1, 0)
+    refused["garbage"] += skipped
+    del received[:skipped]
+    return place >= 0
 
 
 class CounterCheck:

@@ -5,7 +5,6 @@ import argparse
 import contextlib
 import importlib
 import importlib.metadata
-import importlib.util
 import logging
 import socket
 import ssl
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient
+from segway_ecc.deploy.station.requirements import require_station
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.access import Access, Role, load_access, new_access
@@ -24,7 +24,6 @@ from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, default_log, print_found, stopped_by_signals
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
-from segway_ecc.node.ros.runtime import require_ros
 
 PLAIN_HTTP: Final = "plain HTTP: whoever is on this network can read the token and use it; give --certificate and --key"
 _PORT: Final = 8700
@@ -69,11 +68,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
     if options.key is not None and options.certificate is None:
         raise ConfigurationError("--key is of no use without --certificate")
-    if importlib.util.find_spec("aiohttp") is None:
-        raise ConfigurationError(
-            "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
-        )
-    require_ros()
+    require_station()
     tls = None if options.certificate is None else tls_context(options.certificate, options.key)
     sockets = bind(options.address, options.port)
     try:

@@ -5,7 +5,6 @@ import argparse
 import contextlib
 import importlib
 import importlib.metadata
-import importlib.util
 import logging
 import os
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient
+from segway_ecc.deploy.station.requirements import require_station
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.site_address import bind, site_address_of, url
@@ -30,7 +30,6 @@ from segway_ecc.node.cli.options import add_json, print_found, stopped_by_signal
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
-from segway_ecc.node.ros.runtime import require_ros
 
 _BEST: Final = "segway"
 _ADDRESS: Final = "127.0.0.1"
@@ -54,11 +53,7 @@ def run(options: argparse.Namespace) -> int:
     """Show the robot until Ctrl-C."""
     if not 0 <= options.port <= _LARGEST_PORT:
         raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
-    if importlib.util.find_spec("aiohttp") is None:
-        raise ConfigurationError(
-            "the page is served with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
-        )
-    require_ros()
+    require_station()
     file = load_robot(options.robot)
     if isinstance(file.hardware, NoHardwareSection):
         raise ConfigurationError(f"robot '{options.robot}' is all model: demo needs one with drives, such as {_BEST}")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """How a joint is to go to its set-point: critically damped, no faster than it may, and never far from where it is."""
 
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple, Self
 
 from segway_ecc.node.model.model import Variable, Write
 
@@ -31,6 +31,11 @@ class ReferenceLimits(NamedTuple):
     bandwidth: float
     velocity: float
     acceleration: float
+
+    @classmethod
+    def from_model(cls, p: Mapping[str, float]) -> Self:
+        """Those of a model whose parameters have these values."""
+        return cls(p["ReferenceBandwidth"], p["MaxVelocity"], p["MaxAcceleration"])
 
     def advance(self, reference: Reference, setpoint: float, step: float) -> Reference:
         """The reference one step, s, later."""

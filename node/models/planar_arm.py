@@ -92,9 +92,8 @@ class ArmController(ArmBody):
     def static(self) -> None:
         """Gather the gains too."""
         super().static()
-        p = self.p
-        self.limits = ReferenceLimits(p["ReferenceBandwidth"], p["MaxVelocity"], p["MaxAcceleration"])
-        self.stiffness, self.damping = p["Bandwidth"] ** 2, 2.0 * p["Bandwidth"]
+        self.limits = ReferenceLimits.from_model(self.p)
+        self.stiffness, self.damping = self.p["Bandwidth"] ** 2, 2.0 * self.p["Bandwidth"]
 
     def input(self, u: Sequence[float]) -> None:
         """Take the set-points and what is measured."""

@@ -20,9 +20,9 @@ from typing import Final
 
 from segway_ecc.deploy.station.installer.machine import USER, Owner, TargetMachine, acting_as
 from segway_ecc.deploy.station.installer.settings import ENVIRONMENT, RELEASE, STATION, InstallSettings, is_plain_path
+from segway_ecc.deploy.station.requirements import require_station
 from segway_ecc.deploy.station.web.site_address import bind, tls_context
 from segway_ecc.node.errors import ConfigurationError, NodeError
-from segway_ecc.node.ros.runtime import require_ros
 
 _PAUSE_S: Final = 0.2
 _ANSWER_S: Final = 3.0
@@ -175,11 +175,7 @@ def check_environment(command: str) -> None:
         ConfigurationError: Something is missing or out of reach.
         RosUnavailableError: ROS is missing.
     """
-    if importlib.util.find_spec("aiohttp") is None:
-        raise ConfigurationError(
-            "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
-        )
-    require_ros()
+    require_station()
     needed = [Path(command), Path(sys.executable)]
     for package in ("segway_ecc", "aiohttp", "rclpy"):
         spec = importlib.util.find_spec(package)

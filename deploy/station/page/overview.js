@@ -55,8 +55,9 @@ export class Overview {
     attribute(byId("mode"), "class", headline === "" ? "mode-word" : "mode-under");
     attribute(byId("mode-box"), "data-mode", kind);
     text(byId("reason"), robot.is_alive ? robot.reason : lostReason(robot, since));
-    text(byId("next"), nextStep(robot));
-    visible(byId("next"), nextStep(robot) !== "");
+    const next = nextStep(robot);
+    text(byId("next"), next);
+    visible(byId("next"), next !== "");
     for (const { value, format } of this._values) text(value, format(robot, since));
     this._lean(robot);
   }

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.hoverboard.settings import HoverboardSettings
-from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, begins
 from segway_ecc.firmware_io.links.link import Frame
 
 COMMAND, FEEDBACK = 0x10, 0x11  # the frames in place of both kinds of packets: all between start and checksum
@@ -92,19 +92,15 @@ class HoverboardCodec:
         """The frames of the packets that are whole now; see `SerialCodec.decode`."""
         received, size, frames = self._received, self._size, list[Frame]()
         received += data
-        while True:
-            begin = received.find(_BEGIN)
-            skipped = begin if begin >= 0 else max(len(received) - 1, 0)
-            self.refused["garbage"] += skipped
-            del received[:skipped]
-            if begin < 0 or len(received) < size:
-                return frames
+        while begins(received, _BEGIN, self.refused) and len(received) >= size:
             packet = bytes(received[:size])
             if _checksum(packet):
                 self.refused["checksum"] += 1
+                del received[:1]
             else:
                 frames.append(Frame(FEEDBACK, packet[2:-2], now_ns))
-            del received[: 1 if _checksum(packet) else size]
+                del received[:size]
+        return frames
 
     def reset(self) -> None:
         """Discard what was received of an unfinished packet."""

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.imus.mounting import Vector
-from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, begins, crc16_xmodem
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.serial_link import LOST
 
@@ -80,13 +80,7 @@ class BridgeCodec:
         """The frames of the packets that are whole now; see `SerialCodec.decode`."""
         received, frames = self._received, list[Frame]()
         received += data
-        while True:
-            begin = received.find(_BEGIN)
-            skipped = begin if begin >= 0 else max(len(received) - 1, 0)
-            self.refused["garbage"] += skipped
-            del received[:skipped]
-            if begin < 0 or len(received) < _SIZE:
-                return frames
+        while begins(received, _BEGIN, self.refused) and len(received) >= _SIZE:
             values, crc = bytes(received[2 : 2 + _VALUES.size]), received[_SIZE - 2 : _SIZE]
             if crc16_xmodem(values) == _CRC.unpack(crc)[0]:
                 self._note(values)
@@ -95,6 +89,7 @@ class BridgeCodec:
             else:
                 self.refused[Refusal.CRC] += 1
                 del received[:1]
+        return frames
 
     def reset(self) -> None:
         """Discard what was received of an unfinished packet."""

@@ -24,7 +24,7 @@ SegwayEcc = Callable[..., Outcome]
 @pytest.fixture
 def has_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is refused before ROS is spoken is refused on machines without it too."""
-    monkeypatch.setattr(station_serve, "require_ros", lambda: None)
+    monkeypatch.setattr(station_serve, "require_station", lambda: None)
 
 
 @pytest.mark.usefixtures("has_ros")

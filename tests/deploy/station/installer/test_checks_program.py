@@ -88,7 +88,7 @@ def test_what_the_service_s_user_does_not_get_to_is_found(tmp_path: Path, monkey
 
 @pytest.mark.parametrize("folder", ["/root/venv", "/home/ann/venv", "/run/user/1000/venv"])
 def test_what_the_sandbox_hides_is_known(folder: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "require_ros", lambda: None)
+    monkeypatch.setattr(checks, "require_station", lambda: None)
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda _name: importlib.machinery.ModuleSpec("x", None, origin="/usr")
     )
