@@ -33,9 +33,11 @@ class ProcessFailedError(RigError):
 
     Attributes:
         ended_with: Its exit code; None where it was still running.
+        printed: The JSON that it printed all the same; None where it did not.
     """
 
     ended_with: int | None = None
+    printed: dict[str, Any] | None = None
 
 
 class Command:
@@ -71,6 +73,8 @@ class Command:
         if self.process.returncode != 0:
             failure = ProcessFailedError(self._failure(f"ended with exit code {self.process.returncode}"))
             failure.ended_with = self.process.returncode
+            with contextlib.suppress(msgspec.DecodeError):
+                failure.printed = msgspec.json.decode(output, type=dict[str, Any])
             raise failure
         return msgspec.json.decode(output, type=dict[str, Any])
 

@@ -23,7 +23,7 @@ from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.settings import SerialOnlySettings
 from segway_ecc.hil.case_study.seats import TRIES, Repeats, SeatRun, trajectory
 from segway_ecc.hil.case_study.study import LoopTiming, RealTimeRun, Seat, Trajectory
-from segway_ecc.hil.case_study.witness import Witness, witness
+from segway_ecc.hil.case_study.witness import IDLE_S, STALL_S, Stalls, Witness, witness
 from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
 from segway_ecc.hil.processes import Command, ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import kernel_ends
@@ -89,15 +89,15 @@ class RealTimeCanSeat:
             try:
                 found, played = self._play(name, manoeuvre, seen)
             except RigError as error:
-                stall_s = seen.longest_stall_s()
-                if stall_s > 0.0:
-                    error.args = (f"{error}; the machine stalled for up to {stall_s * 1e3:.0f} ms",)
-                    if self._is_spoiled(error, manoeuvre):
-                        raise SpoiledRunError(str(error)) from error
+                stalls = seen.stalls()
+                own = _own_rest(error, stalls)
+                error.args = ("; ".join(filter(None, (str(error), stalls.text, own))),)
+                if stalls.text and not own and self._is_spoiled(error, manoeuvre):
+                    raise SpoiledRunError(str(error)) from error
                 raise
-            lateness = played["timing"]["lateness"]
-            timing = LoopTiming(lateness["p99_s"], lateness["max_s"], played["skipped"], seen.longest_stall_s())
-            self.timings[name] = timing
+            lateness, longest_s = played["timing"]["lateness"], seen.stalls().longest_s
+            stall_s = longest_s if longest_s >= STALL_S else 0.0
+            self.timings[name] = LoopTiming(lateness["p99_s"], lateness["max_s"], played["skipped"], stall_s)
         return SeatRun(found)
 
     def _lines(self, name: str) -> tuple[list[str], list[str]]:
@@ -157,6 +157,20 @@ class RealTimeCanSeat:
         # The plant has ended too by now, so its file is whole.
         points = resample(read_truth(truth), played["sequence"]["started_wall_ns"], manoeuvre.duration_ns)
         return trajectory(Seat.CAN, points), played
+
+
+def _own_rest(error: RigError, stalls: Stalls) -> str:
+    """Whether a process did nothing although nothing kept it from it, as text: no stall of the machine excuses that.
+
+    The robot also rests before its loop begins and after it ends: there its loop is not as late.
+    """
+    plant_s, robot_s = stalls.idle_s or (0.0, 0.0)
+    printed = error.printed if isinstance(error, ProcessFailedError) else None
+    late_s = printed["timing"]["lateness"]["max_s"] if printed else 0.0
+    for who, idle_s in (("plant", plant_s), ("robot", min(robot_s, late_s + STALL_S))):
+        if idle_s > IDLE_S:
+            return f"the {who}'s process was stopped, or hung, for {idle_s * 1e3:.0f} ms"
+    return ""
 
 
 class LockstepCanSeat:

@@ -26,7 +26,7 @@ from segway_ecc.hil.case_study.study import Cell, Edge, RealTimeRun, Seat, Study
 from segway_ecc.hil.errors import RigError, RunFailedError
 from segway_ecc.hil.processes import ProcessFailedError, command, own_ros_domain
 from segway_ecc.node.cycle.trajectory import cycle_at
-from segway_ecc.node.errors import NobodyListensError, NodeError, RobotLostError, SequenceError
+from segway_ecc.node.errors import NobodyListensError, NodeError, RobotLostError, RosUnavailableError, SequenceError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.ros.runtime import require_ros
@@ -44,11 +44,13 @@ _REMEDY: Final = "end other programs on this machine and try again, or choose ot
 _LOSSES: Final = (
     None,
     -signal.SIGKILL,
+    RosUnavailableError.exit_code,
     NobodyListensError.exit_code,
     RobotLostError.exit_code,
     SequenceError.exit_code,
 )
-"""How a process ends that may succeed the next time: not in time (None), killed as for want of memory, or by a loss."""
+"""How a process ends that may succeed the next time: not in time (None), killed as for want of memory, or by a loss.
+ROS is here when a study begins: where a process has none, it did not start."""
 _T = TypeVar("_T")
 _TURN_MANOEUVRE: Final = Manoeuvre(
     segments=(

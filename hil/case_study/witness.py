@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""A witness of how long this machine stalled: a process with the loops' own priority and a thread on each processor.
+"""A witness of how this machine stalled: a process with the loops' own priority and a thread on each processor.
 
 So what only ordinary programs wait for is no stall to loops that are above them. Each sleeps for a moment, again and
 again; what it slept beyond that is time in which its processor did not run it. A process that works waits longer than
-one that sleeps: of those that matter the witness also reads how long the kernel had them wait, ready to run.
+one that sleeps: of those that matter the witness also reads how long the kernel had them wait, ready to run, and how
+long they did nothing although nothing kept them from it, which is no stall of the machine.
 """
 
 import contextlib
@@ -14,7 +15,9 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
+
+import msgspec
 
 from segway_ecc.hil.processes import Command, module_words, program
 from segway_ecc.node.cycle.real_time import real_time_priority
@@ -22,9 +25,40 @@ from segway_ecc.node.cycle.real_time import real_time_priority
 STALL_S: Final = 0.02
 """The shortest gap that is a stall: the shortest time-out of a drive's watchdog, and two periods of the carts' loops,
 after which telemetry, a period old before, is stale."""
+CROWDED_S: Final = 0.2
+"""Gaps of a second that add up to more are as bad: the carts' loops give up where 40 deadlines of a second, 5 ms each,
+are missed."""
+IDLE_S: Final = 0.2
+"""A process with a deadline every few milliseconds that does nothing for longer was stopped, or hangs."""
 _SLEEP_S: Final = 0.005
+_SECOND_S: Final = 1.0
 _ANSWERS_WITHIN_S: Final = 60.0
 _WATCH: Final = "watch "
+_RESTING: Final = "ST"
+"""States of a process (proc_pid_stat(5)) that sleeps, or was stopped; not one that runs, waits to, or awaits a disk."""
+
+
+class Stalls(NamedTuple):
+    """What the witness saw.
+
+    Attributes:
+        longest_s: The longest gap.
+        in_a_second_s: The most that gaps added up to within a second.
+        idle_s: The longest time in which each process that is watched did nothing, and nothing kept it from it.
+    """
+
+    longest_s: float = 0.0
+    in_a_second_s: float = 0.0
+    idle_s: tuple[float, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """How the machine stalled, empty where it did not; shorter gaps than a stall are left out."""
+        if self.longest_s >= STALL_S:
+            return f"the machine stalled for up to {self.longest_s * 1e3:.0f} ms"
+        if self.in_a_second_s >= CROWDED_S:
+            return f"the machine stalled for {self.in_a_second_s * 1e3:.0f} ms of a second"
+        return ""
 
 
 class Witness:
@@ -35,14 +69,13 @@ class Witness:
         self._process = process
 
     def watch(self, *processes: int) -> None:
-        """Count what these processes wait for a processor, too."""
+        """Count what these processes wait for a processor, too, and how long they do nothing."""
         for process in processes:
             self._process.ask(f"{_WATCH}{process}", _ANSWERS_WITHIN_S)
 
-    def longest_stall_s(self) -> float:
-        """The longest stall since it was called last, s; 0 where there was none."""
-        gap_s = float(self._process.ask("longest gap", _ANSWERS_WITHIN_S))
-        return gap_s if gap_s >= STALL_S else 0.0
+    def stalls(self) -> Stalls:
+        """What happened since it was called last."""
+        return msgspec.json.decode(self._process.ask("stalls", _ANSWERS_WITHIN_S), type=Stalls)
 
 
 @contextlib.contextmanager
@@ -50,78 +83,134 @@ def witness(messages: Path) -> Iterator[Witness]:
     """Measure gaps while the context lasts; the witness' own messages go to a file."""
     with program(module_words(__name__), messages, name="witness", listens=True) as process:
         found = Witness(process)
-        found.longest_stall_s()  # it has started
+        found.stalls()  # it has started
         yield found
 
 
-class Waits:
-    """How long processes waited for a processor, as the kernel counts it (sched-stats.rst: /proc/PID/schedstat)."""
+class Gaps:
+    """What kept one thread or process from running, as it comes.
 
-    def __init__(self, proc: Path = Path("/proc")) -> None:
-        """Watch none yet."""
-        self._proc = proc
-        self._added: deque[int] = deque()
-        self._waited_s: dict[int, float] = {}
+    Attributes:
+        longest_s: The longest gap.
+        in_a_second_s: The most that gaps added up to within a second.
+    """
 
-    def add(self, process: int) -> None:
-        """Watch one from now on; may be called from another thread."""
-        self._added.append(process)
+    def __init__(self) -> None:
+        """None yet."""
+        self.longest_s = self.in_a_second_s = 0.0
+        self._recent: deque[tuple[float, float]] = deque()
+        self._sum_s = 0.0
 
-    def longest_s(self, elapsed_s: float) -> float:
-        """The least that the longest wait took of those that ended since this was called last, `elapsed_s` ago.
+    def add(self, now_s: float, gaps_s: float, longest_s: float) -> None:
+        """Take what gaps that have just ended add up to, and how long the longest was at least."""
+        self.longest_s = max(self.longest_s, longest_s)
+        self._recent.append((now_s, gaps_s))
+        self._sum_s += gaps_s
+        while now_s - self._recent[0][0] >= _SECOND_S:
+            self._sum_s -= self._recent.popleft()[1]
+        self.in_a_second_s = max(self.in_a_second_s, self._sum_s)
 
-        The kernel counts a wait when it ends: what was counted is this one, and others that took no longer than that.
+    def clear(self) -> None:
+        """Forget the most; what is within the last second may still add up."""
+        self.longest_s = self.in_a_second_s = 0.0
+
+
+class Account(NamedTuple):
+    """What the kernel says of a process: sched-stats.rst for /proc/PID/schedstat, proc_pid_stat(5) for its state."""
+
+    ran_ns: int
+    waited_ns: int
+    slices: int
+    state: str
+
+
+class Watched:
+    """A process that matters, as the kernel accounts for it.
+
+    Attributes:
+        gaps: Its waits for a processor.
+        longest_idle_s: The longest time in which it did nothing, and nothing kept it from it.
+    """
+
+    def __init__(self, process: int, proc: Path = Path("/proc")) -> None:
+        """Watch it from now on."""
+        self._folder = proc / str(process)
+        self._account = self._read()
+        self._idle_s = 0.0
+        self.gaps = Gaps()
+        self.longest_idle_s = 0.0
+
+    def look(self, now_s: float, elapsed_s: float) -> None:
+        """Read its account; called every `_SLEEP_S`, this time `elapsed_s` after the last one.
+
+        The kernel counts a wait when it ends: of those that ended meanwhile the longest took what was counted, less
+        what there was time for besides.
         """
-        before_s = {**{process: self._read_s(process) for process in self._taken()}, **self._waited_s}
-        self._waited_s = {process: self._read_s(process) for process in before_s}
-        return max((self._waited_s[process] - was_s for process, was_s in before_s.items()), default=0.0) - elapsed_s
+        before, self._account = self._account, self._read() or self._account
+        if before is None or self._account is None:
+            return
+        waited_s = (self._account.waited_ns - before.waited_ns) * 1e-9
+        self.gaps.add(now_s, waited_s, waited_s - elapsed_s)
+        if self._account == before and before.state in _RESTING:
+            self._idle_s += min(elapsed_s, STALL_S)  # in what is more nobody ran
+        else:
+            self._idle_s = 0.0
+        self.longest_idle_s = max(self.longest_idle_s, self._idle_s)
 
-    def _taken(self) -> Iterator[int]:
-        while self._added:
-            yield self._added.popleft()
-
-    def _read_s(self, process: int) -> float:
-        """All that it has waited; as before where it has ended or the kernel keeps no accounts."""
+    def _read(self) -> Account | None:
+        """None where it has ended, or the kernel keeps no accounts."""
         try:
-            return int((self._proc / str(process) / "schedstat").read_text("ascii").split()[1]) * 1e-9
-        except (OSError, IndexError, ValueError):
-            return self._waited_s.get(process, 0.0)
+            ran, waited, slices = (self._folder / "schedstat").read_text("ascii").split()
+            state = (self._folder / "stat").read_text("utf-8", "replace").rpartition(") ")[2][:1]
+            return Account(int(ran), int(waited), int(slices), state)
+        except (OSError, ValueError):
+            return None
 
 
-def _measure(core: int, longest: dict[int | str, float]) -> None:
+def _measure(core: int, gaps: Gaps) -> None:
     os.sched_setaffinity(0, {core})
     with real_time_priority():
         while True:
             before_s = time.monotonic()
             time.sleep(_SLEEP_S)
-            longest[core] = max(longest[core], time.monotonic() - before_s - _SLEEP_S)
+            now_s = time.monotonic()
+            gap_s = now_s - before_s - _SLEEP_S
+            gaps.add(now_s, gap_s, gap_s)
 
 
-def _follow(waits: Waits, longest: dict[int | str, float]) -> None:
+def _follow(watched: list[Watched]) -> None:
     with real_time_priority():
         before_s = time.monotonic()
         while True:
             time.sleep(_SLEEP_S)
             now_s = time.monotonic()
-            longest[_WATCH] = max(longest[_WATCH], waits.longest_s(now_s - before_s))
+            for process in tuple(watched):
+                process.look(now_s, now_s - before_s)
             before_s = now_s
 
 
 def _answer() -> None:
-    cores = os.sched_getaffinity(0)
-    longest: dict[int | str, float] = dict.fromkeys([_WATCH, *cores], 0.0)
-    waits = Waits()
-    for core in cores:
-        threading.Thread(target=_measure, args=(core, longest), daemon=True).start()
-    threading.Thread(target=_follow, args=(waits, longest), daemon=True).start()
+    cores = {core: Gaps() for core in os.sched_getaffinity(0)}
+    watched: list[Watched] = []
+    for core, gaps in cores.items():
+        threading.Thread(target=_measure, args=(core, gaps), daemon=True).start()
+    threading.Thread(target=_follow, args=(watched,), daemon=True).start()
     for question in sys.stdin:
         process = question.removeprefix(_WATCH).strip()
+        every = [*cores.values(), *(each.gaps for each in watched)]
+        longest_s, in_a_second_s = (
+            max(each) for each in zip(*((g.longest_s, g.in_a_second_s) for g in every), strict=True)
+        )
+        idle_s = tuple(each.longest_idle_s for each in watched)
         if process.isdigit():
-            waits.add(int(process))
-        sys.stdout.write(f"{max(longest.values())}\n")
+            watched.append(Watched(int(process)))
+        else:
+            for gaps in every:
+                gaps.clear()
+            for each in watched:
+                each.longest_idle_s = 0.0
+        sys.stdout.buffer.write(msgspec.json.encode(Stalls(longest_s, in_a_second_s, idle_s)) + b"\n")
         sys.stdout.flush()
-        if not process.isdigit():
-            longest.update(dict.fromkeys(longest, 0.0))
 
 
 if __name__ == "__main__":

@@ -99,6 +99,8 @@ class Salvage:
         self._schemas: dict[int, Schema] = {}
         self._wanted: dict[str, int] = {}
         self._chunks: list[tuple[int, int]] = []
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise RecordingError(f"cannot read the log {path}: it is no file")
         try:
             with path.open("rb") as stream:
                 is_empty = stream.seek(0, 2) == 0

@@ -162,3 +162,9 @@ def test_a_log_that_is_being_written_opens_in_the_readers_that_need_an_index(
 def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"cannot read the log .*no\.mcap: No such file or directory"):
         list(Salvage(tmp_path / "no.mcap").messages())
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(RecordingError, match=r"cannot read the log .*pipe\.mcap: it is no file$"):
+        Salvage(tmp_path / "pipe.mcap")
