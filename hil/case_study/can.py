@@ -165,8 +165,9 @@ def _own_rest(error: RigError, stalls: Stalls) -> str:
     The robot also rests before its loop begins and after it ends: there its loop is not as late.
     """
     plant_s, robot_s = stalls.idle_s or (0.0, 0.0)
-    printed = error.printed if isinstance(error, ProcessFailedError) else None
-    late_s = printed["timing"]["lateness"]["max_s"] if printed else 0.0
+    late_s = 0.0
+    if isinstance(error, ProcessFailedError) and error.ended_with == RobotLostError.exit_code and error.printed:
+        late_s = error.printed["timing"]["lateness"]["max_s"]
     for who, idle_s in (("plant", plant_s), ("robot", min(robot_s, late_s + STALL_S))):
         if idle_s > IDLE_S:
             return f"the {who}'s process was stopped, or hung, for {idle_s * 1e3:.0f} ms"
