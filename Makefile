@@ -9,7 +9,8 @@
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make docs    the documentation as a site, in out/site
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, every input to
-#              a robot that runs, the case study with every drive over vcan and over two CAN controllers, the bus lost in every way
+#              a robot that runs, the case study with every drive over vcan and over two CAN controllers or its serial line,
+#              the bus lost in every way
 # tests/proofs/busy.sh  the case study ten times and the tests three times on a busy machine
 # make bench   how fast this machine runs the loop
 # make test-compiled, make bench-compiled: the tests of the loop and of the rig, and the bench, with a compiled install
@@ -86,6 +87,7 @@ boot: $(READY)
 
 CARTS := cart-can cart-odrive cart-vesc cart-cia402
 FD_CARTS := cart-moteus
+SERIAL_CARTS := cart-hoverboard
 
 disk: $(READY)
 	$(VENV)/bin/python -m pytest -m 'image and proof' -s --timeout 0 tests/deploy/image/test_disk.py tests/deploy/image/test_disk_station.py
@@ -95,6 +97,7 @@ prove: $(READY) coverage
 	$(VENV)/bin/segway-ecc prove inputs
 	for cart in $(CARTS); do $(MAKE) prove-$$cart || exit 1; done
 	for cart in $(FD_CARTS); do $(MAKE) prove-fd-$$cart || exit 1; done
+	for cart in $(SERIAL_CARTS); do $(MAKE) prove-serial-$$cart || exit 1; done
 	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc prove failover $$cart --channel $$cart || exit 1; done
 
 # The case study with one drive family, over the kernel's own CAN; on a simulated clock, so that no load disturbs it.
@@ -103,6 +106,10 @@ SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --no-real-time --o
 # The cards of the second machine carry no CAN FD.
 prove-fd-%: $(READY)
 	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
+
+# Without a bus there is none of the kernel's to go over: a simulated line, and one run in real time on a pseudo-terminal.
+prove-serial-%: $(READY)
+	$(VENV)/bin/segway-ecc case-study --seat can --robot $* --out out/prove/$*
 
 prove-%: $(READY)
 	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0

@@ -118,6 +118,19 @@ def with_port(settings: Drives, port: str) -> Drives:
     return msgspec.structs.replace(settings, serial=serial)
 
 
+def with_imu_port(settings: Drives, port: str) -> Drives:
+    """The settings with their IMU's serial line at another port.
+
+    Raises:
+        ValueError: No IMU has one; see `imu_line`.
+    """
+    imu = imu_line(settings)
+    if imu is None:
+        raise ValueError(f"{type(settings).__name__} has no IMU on a serial line of its own")
+    imu = msgspec.structs.replace(imu, serial=msgspec.structs.replace(imu.serial, port=port))
+    return msgspec.structs.replace(settings, external_imu=imu)
+
+
 def serial_of(settings: HardwareSettings) -> SerialSettings | None:
     """The serial line that drives on a bus fall back on; None where they have none or none is named."""
     serial = getattr(settings, "serial", None)

@@ -6,6 +6,7 @@ had then, each by its digest. It is read once, before the loop runs.
 """
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -38,7 +39,7 @@ STEPS: Final = (
 )
 """The steps, in their order."""
 _LINES: Final = frozenset({"can", "serial"})
-"""The keys of `hardware` that say over which lines it is reached."""
+"""The keys of `hardware`, and of its IMU, that say over which lines they are reached."""
 MAY_BE_LEFT_OUT: Final = frozenset({"guard"})
 """Of a robot whose file does not require one."""
 
@@ -82,11 +83,12 @@ class CommissioningReport(Section, frozen=True, kw_only=True):
 def digests_of(file: RobotFile) -> dict[str, str]:
     """SHA-256, hexadecimal, of each part of a robot file that a commissioning holds for.
 
-    Over which bus and serial line the robot is reached does not count, nor the folder that its model lies in.
+    Over which bus and serial lines the robot is reached does not count, nor the folder that its model lies in.
     """
     hardware = msgspec.to_builtins(file.hardware)
     if not isinstance(file.hardware, NoHardwareSection):
-        hardware = {name: value for name, value in hardware.items() if name not in _LINES}
+        imu = hardware["external_imu"]
+        hardware = _without_lines(hardware) | {"external_imu": None if imu is None else _without_lines(imu)}
     model = {"source": file.model.source.rpartition("/")[2], "parameters": file.model.parameters}
     safety = msgspec.to_builtins(file.safety)
     wiring: dict[str, object] = dict(file.wiring)
@@ -97,6 +99,10 @@ def digests_of(file: RobotFile) -> dict[str, str]:
         name: hashlib.sha256(msgspec.json.encode(part, order="deterministic")).hexdigest()
         for name, part in parts.items()
     }
+
+
+def _without_lines(section: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in section.items() if name not in _LINES}
 
 
 def report_path(robot: str) -> Path:

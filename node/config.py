@@ -10,9 +10,9 @@ from msgspec import structs
 
 from segway_ecc.firmware_io.drives.family import drive_family, family_of
 from segway_ecc.firmware_io.errors import PluginError
-from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family
+from segway_ecc.firmware_io.imus.family import DEFAULT_IMU, imu_family, imu_of
 from segway_ecc.firmware_io.plugins import DRIVES, entry_points
-from segway_ecc.firmware_io.settings import AxisName, HardwareSettings, check_axes
+from segway_ecc.firmware_io.settings import AxisName, BusSettings, HardwareSettings, check_axes
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.cycle.mixing import (
     GEOMETRY,
@@ -181,8 +181,8 @@ def decode_robot(text: str, where: str) -> RobotFile:
     """Decode the text of a robot file; messages call it `where`. See `decode_yaml`.
 
     Raises:
-        ConfigurationError: It is not as it must be, or names drives or an IMU that are not installed, or a length that
-            its geometry lacks.
+        ConfigurationError: It is not as it must be, or names drives or an IMU that are not installed, an IMU that the
+            bus of its drives does not suit, or a length that its geometry lacks.
     """
     return convert_robot(read_yaml(text, where), where)
 
@@ -197,10 +197,21 @@ def convert_robot(data: object, where: str) -> RobotFile:
     hardware = decoded.hardware
     if not isinstance(hardware, NoHardwareSection):
         hardware = _as(family_of(hardware).settings, hardware)
+        if (why := _why_not_on_bus(hardware)) is not None:
+            raise ConfigurationError(f"{where}: hardware.external_imu: {why}")
     try:
         return _with_geometry(structs.replace(_as(RobotFile, decoded), hardware=hardware))
     except ConfigurationError as error:
         raise ConfigurationError(f"{where}: {error}") from error
+
+
+def _why_not_on_bus(hardware: HardwareSettings) -> str | None:
+    """Why the IMU cannot be on the bus of the drives; None where it can, or where there is none."""
+    imu = hardware.external_imu
+    if imu is None or not isinstance(hardware, BusSettings) or not hardware.can.fd:
+        return None
+    why_not_fd = imu_of(imu).why_not_fd
+    return None if why_not_fd is None else why_not_fd(imu)
 
 
 def _with_lengths(data: object) -> object:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from segway_ecc.drives import PhasedDrive
 from segway_ecc.firmware_io.devices import Readings
 from segway_ecc.firmware_io.drives.wheel_board.frames import Wheel
 from segway_ecc.firmware_io.links.link import Frame
@@ -41,6 +42,22 @@ def test_a_module_is_compiled_and_its_source_is_there(path: str) -> None:
 def test_a_value_cannot_be_changed_and_is_no_business_of_the_collector(kind: type[Value]) -> None:
     """mypyc drops the options of a class; those of its base stay."""
     assert (kind.__struct_config__.frozen, kind.__struct_config__.gc) == (True, False)
+
+
+class OwnDrive(PhasedDrive):
+    """A drive of a user's own, in plain Python."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: 5)
+        self.torque = 0.0
+
+
+def test_a_drive_in_plain_python_builds_on_what_is_compiled() -> None:
+    drive = OwnDrive()
+    assert (drive.is_enabled, drive.torque) == (False, 0.0)
+    drive._enabling.begin(drive._now_ns())
+    drive._enabling.confirm()
+    assert drive.is_enabled
 
 
 @pytest.mark.parametrize("value", [-113.0, -0.0, 0.0, math.nan, math.inf, -math.inf, 113, np.float64(-113.0)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The CAN interface and the serial line that the drives of the robot are on, and their watchdogs."""
+"""The CAN interface and the serial lines of the robot, and the watchdogs of its drives."""
 
 import errno
 import re
@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, graded, warning
-from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.build import imu_line, serial_of
 from segway_ecc.firmware_io.drives.family import family_of
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, set_up_options, socketcan_interfaces
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.serial_link import open_remedy
-from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, PortSettings
 from segway_ecc.firmware_io.settings import HardwareSettings, SerialOnlySettings
 
 _NETWORK: Final = "/sys/class/net"
@@ -177,18 +177,26 @@ def _residual(hardware: HardwareSettings, seconds: float, remedy: str) -> Findin
 
 
 def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:
-    """Whether the port of the robot file is there, opens, and will have the same name tomorrow."""
+    """Whether the ports of the robot file are there, open, and will have the same name tomorrow."""
     hardware = workload.hardware
     only = hardware.serial if isinstance(hardware, SerialOnlySettings) else None
     settings = only or (None if hardware is None else serial_of(hardware))
-    if settings is None:
+    imu = None if hardware is None else imu_line(hardware)
+    if settings is None and imu is None:
         yield good("serial line", "none is asked for")
-        return
-    title = f"serial {settings.port}"
+    if settings is not None:
+        effect = "the drives are out of reach" if only else "when the bus is lost there is nothing to fall back on"
+        yield from _check_port(machine, f"serial {settings.port}", settings, effect)
+    if imu is not None:
+        effect = "the IMU is out of reach, and a robot that needs it does not arm"
+        yield from _check_port(machine, f"IMU serial {imu.serial.port}", imu.serial, effect)
+
+
+def _check_port(machine: System, title: str, settings: PortSettings, effect: str) -> Iterator[Finding]:
+    """One port; `effect` is what it is without it."""
     try:
         machine.probes.open_port(settings)
     except OSError as error:
-        effect = "the drives are out of reach" if only else "when the bus is lost there is nothing to fall back on"
         grade = bad
         if error.errno in _TAKEN:
             grade, effect = warning, "as it should be while the robot runs; else the robot cannot open it"

@@ -16,7 +16,7 @@ from typing import Final
 from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict, Workload, is_fit
 from segway_ecc.deploy.doctor.doctor import examine
 from segway_ecc.firmware_io.clock import NS_PER_S
-from segway_ecc.node.cli.options import add_json, default_log, model_failures, print_found, robot_file
+from segway_ecc.node.cli.options import add_json, add_lines, default_log, model_failures, print_found, robot_file
 from segway_ecc.node.config import ModelSection, packaged_robots
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.log_quota import LogQuota
@@ -35,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "robot", nargs="?", help=f"a robot file, or one of {names} (default: {_INSTALLED_ROBOT}, where it is there)"
     )
-    parser.add_argument("--interface", help="python-can interface instead of the robot file's, or auto")
-    parser.add_argument("--channel", help="CAN channel instead of the robot file's, or auto")
-    parser.add_argument("--serial", metavar="PORT", help="serial line to fall back on, instead of the robot file's")
+    add_lines(parser)
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="where logs go, instead of the usual folder")
     add_json(parser)
 

@@ -13,8 +13,7 @@ from segway_ecc import node
 from segway_ecc.deploy.release.requests import Content, push, robot_files
 from segway_ecc.deploy.verbs.deploy_status import add_host, add_trial, run_update, show_step
 from segway_ecc.firmware_io.clock import RealClock
-from segway_ecc.node.cli.options import robot_file
-from segway_ecc.node.config import packaged_robots
+from segway_ecc.node.config import load_robot, packaged_robots
 from segway_ecc.node.robot import build_robot
 
 _PACKAGED: Final = Path(node.__file__).parent / "robots"
@@ -43,10 +42,10 @@ def run(options: argparse.Namespace) -> int:
     """Push, and wait until the version is healthy or the robot has gone back."""
     robot = None
     if options.robot is not None:
-        loaded = argparse.Namespace(robot=options.robot, interface=None, channel=None, serial=None)
-        build_robot(robot_file(loaded), RealClock())
+        file = load_robot(options.robot)
+        build_robot(file, RealClock())
         is_packaged = options.robot in packaged_robots()
         path = _PACKAGED / f"{options.robot}.yaml" if is_packaged else Path(options.robot)
-        robot = robot_files(path, robot_file(loaded))
+        robot = robot_files(path, file)
     content = Content(options.wheel, robot, options.extra, options.ros, options.refresh, options.again)
     return run_update(options, lambda host, rules: push(host, rules, content, show_step))

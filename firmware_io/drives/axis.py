@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from segway_ecc.firmware_io.devices import SUPPLY_STALE_NS, SUPPLY_VOLTAGE, Freshness, Readings, with_one_more
 from segway_ecc.firmware_io.drives.enabling import PhasedDrive, wheel_signals
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
@@ -16,6 +18,7 @@ REPORT: Final = "report"
 """The kind of frame whose freshness they follow."""
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # as `PhasedDrive`, and its methods call what a family overrides
 class ReportingAxis(PhasedDrive):
     """A drive of one axis that takes a torque and measures angle, velocity, torque, perhaps the supply; see `Drive`.
 

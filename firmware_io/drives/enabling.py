@@ -4,6 +4,8 @@
 import enum
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from segway_ecc.firmware_io.links.link import NowNs
 
 ENABLE_WITHIN_NS: Final = 500_000_000
@@ -64,6 +66,7 @@ class Enabling:
         return off_ns is not None and off_ns > self._disabled_ns
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # where this is compiled, drives in plain Python still build on it
 class PhasedDrive:
     """What the drives share: the phases that they pass through, and the clock of the loop; see `Drive`."""
 

@@ -28,11 +28,14 @@ class ImuFamily(Generic[Settings]):
         sensor: (settings, link, loop period in s, clock, longest gap that leaves its values valid in s) -> its driver,
             which measures `imu.*`.
         serial_codec: Makes what an IMU with `SerialImuSettings` speaks on its line; None for one on the drives' bus.
+        why_not_fd: (settings) -> why it cannot be on a bus of CAN FD, with the remedy, None where it can; left out by
+            those that always can.
     """
 
     settings: type[Settings]
     sensor: Callable[[Settings, Link, float, Clock, float], Sensor]
     serial_codec: "Callable[[], SerialCodec] | None" = None
+    why_not_fd: Callable[[Settings], str | None] | None = None
 
 
 def imu_family(name: object) -> ImuFamily[Any]:

@@ -21,10 +21,11 @@ from segway_ecc.hil.campaign.branches import Branch, Branches
 from segway_ecc.hil.campaign.commander import Commander
 from segway_ecc.hil.campaign.scenario import MODEL, PLANT, Scenario, ScenarioResult, ScenarioRun, judged
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
-from segway_ecc.hil.devices.family import simulated_imu
+from segway_ecc.hil.devices.family import simulated_drives, simulated_imu
 from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
+from segway_ecc.hil.faults.drives import FailingDrives
 from segway_ecc.hil.faults.fault import Fault, Injections
-from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
+from segway_ecc.hil.faults.links import CutOnlyLine, DisturbedBus, DisturbedDevicesLink, DisturbedLine
 from segway_ecc.hil.faults.models import SlowModel, misbehaves, misbehaving
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.faults.stranger import Stranger
@@ -251,10 +252,16 @@ class _ScenarioBench:
             robot = dataclasses.replace(robot, model=model)
         self._robot = robot
         self.drive = DriveWatch(simulated, injections)
-        line = None if wires is None else DisturbedLine(wires, injections, simulated.tick_ns)
+        line: CutOnlyLine | DisturbedLine | None = None
+        if wires is not None:
+            line = DisturbedLine(wires, injections, simulated.tick_ns)
+        elif ends.wires is not None:
+            line = CutOnlyLine(ends.wires, injections)
+        failing = FailingDrives(simulated.devices[0], simulated_drives(hardware).fail, injections)
 
         def observe(_wall_ns: int, outputs: Sequence[float]) -> None:
             self.drive.look(outputs)
+            failing.act()
             if line is not None:
                 line.act()
 

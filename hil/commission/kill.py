@@ -9,7 +9,7 @@ from typing import Final
 from segway_ecc.hil.commission.session import StepRefusedError
 from segway_ecc.hil.commission.wheel_steps import Found
 from segway_ecc.hil.drill import trial
-from segway_ecc.hil.drill.parts import DrillSetup
+from segway_ecc.hil.drill.parts import DrillSetup, lines_of_its_own
 from segway_ecc.hil.drill.trial import DrillFault, DrillResult
 from segway_ecc.hil.rig.simulation import hardware_of
 from segway_ecc.node.config import RobotFile
@@ -34,8 +34,8 @@ def kill_node(robot: str, file: RobotFile, run: Run = trial.run) -> Found:
         del guards["by the drives' watchdog alone"]
     for name, guard in guards.items():
         with TemporaryDirectory(prefix="segway-ecc-commission-") as folder:
-            bus = ("--interface", "local", "--channel", folder)
-            setup = DrillSetup(robot, bus, serial=False, guard=guard, stepped=False, folder=Path(folder))
+            lines = lines_of_its_own(hardware_of(file), Path(folder), ("--interface", "local", "--channel", folder))
+            setup = DrillSetup(robot, lines, serial=False, guard=guard, stepped=False, folder=Path(folder))
             result = run(_KILLED, setup)
         if result.torque is None:
             raise StepRefusedError(f"the node that is to be killed does not drive the robot: {result.note}")

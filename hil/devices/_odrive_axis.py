@@ -261,6 +261,13 @@ class SimulatedAxis:
         self.motor_error |= bits
         self.latch(MOTOR_FAILED)
 
+    def exceed_current(self) -> None:
+        """Raise the error of a current beyond its limit."""
+        if self.firmware is Firmware.V0_5:
+            self.fail_motor(CURRENT_LIMIT_VIOLATION)
+        else:
+            self.latch(CURRENT_LIMIT_VIOLATION)
+
     def clear_errors(self) -> None:
         """Forget the errors."""
         self.error = self.motor_error = self.encoder_error = self.controller_error = self.disarm_reason = 0
@@ -312,10 +319,7 @@ class SimulatedAxis:
             return
         flowed_a, self._flowing_a = self._flowing_a, self.current_a
         if abs(flowed_a) > self.current_limit_a + self.current_limit_margin_a:
-            if self.firmware is Firmware.V0_5:
-                self.fail_motor(CURRENT_LIMIT_VIOLATION)
-            else:
-                self.latch(CURRENT_LIMIT_VIOLATION)
+            self.exceed_current()
 
     def _enter(self, state: AxisState, now_ns: int) -> None:
         """Enter a state: `Axis::run_state_machine_loop`. 0.5 enters closed loop with an error too, and leaves it."""

@@ -32,6 +32,8 @@ PRODUCT_CODE: Final = 402
 REVISION: Final = 0x0001_0000
 INTERPOLATION_FAULT: Final = Emergency(0x6320, 0x21)
 """A wrong parameter; error register: generic, and of the profile."""
+OVER_CURRENT: Final = Emergency(0x2310, 0x03)
+"""Continuous over-current; error register: generic, and of the current."""
 _CONTROLWORD: Final = 0x6040
 _MODE: Final = 0x6060
 _PERIOD: Final = 0x60C2
@@ -150,8 +152,7 @@ class SimulatedDrive:
         was_enabled = self.state is DriveState.OPERATION_ENABLED
         self._follow(objects[_CONTROLWORD, 0].value)
         if not was_enabled and self.state is DriveState.OPERATION_ENABLED and not self._has_sync_period():
-            self.slave.send_emergency(INTERPOLATION_FAULT)
-            self.state = DriveState.FAULT_REACTION_ACTIVE
+            self.fail(INTERPOLATION_FAULT)
         if self.slave.is_powered:
             self.slave.watch(now_ns)
         if objects[_MODE, 0].value in self._kind.modes or not objects[_MODE, 0].value:
@@ -160,6 +161,11 @@ class SimulatedDrive:
         objects[0x6077, 0].put(permille)
         self.torque = permille * _PERMILLE_MNM
         return self._settings.wheel_torque(self.torque)
+
+    def fail(self, cause: Emergency) -> None:
+        """Report an error, and go to FAULT with the next pass."""
+        self.slave.send_emergency(cause)
+        self.state = DriveState.FAULT_REACTION_ACTIVE
 
     def _wanted_permille(self) -> int:
         """The torque: in cyclic mode the target itself, in profile mode on its way there with the slope of 0x6087."""
@@ -280,8 +286,13 @@ def _of(kind: DriveKind) -> Callable[[Cia402Settings, Link, Port | None], Simula
     return lambda settings, link, port: SimulatedCia402(link, settings, port, kind)
 
 
+def _fail(drives: SimulatedCia402) -> None:
+    next(iter(drives.axes.values())).fail(OVER_CURRENT)
+
+
 SIMULATED: Final[SimulatedDrives[Cia402Settings, SimulatedCia402]] = SimulatedDrives(
     tick_ns=TICK_NS,
     device=lambda settings, link, port: SimulatedCia402(link, settings, port),
     variants={name: _of(kind) for name, kind in KINDS.items()},
+    fail=_fail,
 )

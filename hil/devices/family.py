@@ -34,6 +34,8 @@ class SimulatedDrives(Generic[Settings, Made]):
         press_stop: (drives, whether it is pressed) -> what the emergency stop does to them; None where nothing.
         lose_watchdog: (drives) -> has them go on without commands, as if misconfigured; None where that is not
             simulated.
+        fail: (drives) -> has that of the first axis end with an error of its own, and its motor free; None where that
+            is not simulated.
     """
 
     tick_ns: int
@@ -41,6 +43,7 @@ class SimulatedDrives(Generic[Settings, Made]):
     variants: Mapping[str, Callable[[Settings, Link, Port | None], Made]] = field(default_factory=dict)
     press_stop: Callable[[Made, bool], None] | None = None
     lose_watchdog: Callable[[Made], None] | None = None
+    fail: Callable[[Made], None] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

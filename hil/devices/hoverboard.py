@@ -173,6 +173,10 @@ class SimulatedHoverboard:
         return packet + struct.pack("<H", checksum)
 
 
+def _fail(board: SimulatedHoverboard) -> None:
+    board.has_error = True
+
+
 SIMULATED: Final[SimulatedDrives[HoverboardSettings, SimulatedHoverboard]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, _link, port: SimulatedHoverboard(settings, port)
+    tick_ns=TICK_NS, device=lambda settings, _link, port: SimulatedHoverboard(settings, port), fail=_fail
 )

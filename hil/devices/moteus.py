@@ -23,7 +23,7 @@ TICK_NS: Final = 1_000_000
 _TICKS_TO_ENABLE: Final = 10  # one for the power stage, then 256 samples of the currents at 30 kHz (kCalibrateCount)
 _STOPPED, _FAULT, _ENABLING, _CALIBRATING, _POSITION, _TIMEOUT, _ZERO_VELOCITY = 0, 1, 2, 3, 10, 11, 12
 _COMMANDED: Final = (_STOPPED, *range(5, 16))  # any other mode is ignored
-_OVER_VOLTAGE, _OUTSIDE_LIMIT, _UNDER_VOLTAGE = 34, 39, 40
+_DRIVER, _OVER_VOLTAGE, _OUTSIDE_LIMIT, _UNDER_VOLTAGE = 33, 34, 39, 40
 _KP, _KD, _VOLTAGES, _WARMTH = 4.0, 0.05, (4.0, 46.0), 30.0
 _SCALES: Final = {  # by register, the worth of a step as int8, int16, int32 and float
     **dict.fromkeys((0x00, 0x0F), (1.0, 1.0, 1.0, 1.0)),
@@ -208,6 +208,13 @@ def _press_stop(drives: SimulatedMoteus, pressed: bool) -> None:  # noqa: FBT001
     drives.has_supply = not pressed
 
 
+def _fail(drives: SimulatedMoteus) -> None:
+    next(iter(drives.controllers.values())).fail(_DRIVER)
+
+
 SIMULATED: Final[SimulatedDrives[MoteusSettings, SimulatedMoteus]] = SimulatedDrives(
-    tick_ns=TICK_NS, device=lambda settings, link, _port: SimulatedMoteus(link, settings), press_stop=_press_stop
+    tick_ns=TICK_NS,
+    device=lambda settings, link, _port: SimulatedMoteus(link, settings),
+    press_stop=_press_stop,
+    fail=_fail,
 )

@@ -321,6 +321,11 @@ def _lose_watchdog(drives: SimulatedOdrive) -> None:
         axis.watchdog_s = None
 
 
+def _fail(drives: SimulatedOdrive) -> None:
+    drives.axes[0].exceed_current()
+    drives.next_ns = -math.inf
+
+
 def _of(release: Release) -> Callable[[OdriveSettings, Link, Port | None], SimulatedOdrive]:
     return lambda settings, link, port: SimulatedOdrive(link, settings, port, release)
 
@@ -331,4 +336,5 @@ SIMULATED: Final[SimulatedDrives[OdriveSettings, SimulatedOdrive]] = SimulatedDr
     variants={release.value: _of(release) for release in Release},
     press_stop=_press_stop,
     lose_watchdog=_lose_watchdog,
+    fail=_fail,
 )

@@ -350,8 +350,13 @@ def _of(changes: Mapping[str, Any]) -> Callable[[VescSettings, Link, Port | None
     return lambda settings, link, port: SimulatedVesc(link, settings, port, replace(_set_up(settings), **changes))
 
 
+def _fail(drives: SimulatedVesc) -> None:
+    next(iter(drives.controllers.values())).fail(VescFault.OVER_TEMPERATURE)
+
+
 SIMULATED: Final[SimulatedDrives[VescSettings, SimulatedVesc]] = SimulatedDrives(
     tick_ns=TICK_NS,
     device=lambda settings, link, port: SimulatedVesc(link, settings, port),
     variants={name: _of(changes) for name, changes in _VARIANTS.items()},
+    fail=_fail,
 )

@@ -233,9 +233,14 @@ def _lose_watchdog(board: SimulatedWheelBoard) -> None:
     board.has_watchdog = False
 
 
+def _fail(board: SimulatedWheelBoard) -> None:
+    board.is_broken = True
+
+
 SIMULATED: Final[SimulatedDrives[WheelBoardSettings, SimulatedWheelBoard]] = SimulatedDrives(
     tick_ns=TICK_NS,
     device=lambda settings, link, port: SimulatedWheelBoard(link, settings, port),
     press_stop=_press_stop,
     lose_watchdog=_lose_watchdog,
+    fail=_fail,
 )

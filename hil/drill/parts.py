@@ -14,6 +14,8 @@ from typing import Final
 
 import msgspec
 
+from segway_ecc.firmware_io.build import imu_line
+from segway_ecc.firmware_io.settings import BusSettings, HardwareSettings
 from segway_ecc.hil.drill.plant_control import driven_since_ns, read_trace
 from segway_ecc.hil.process_usage import helpers_of
 from segway_ecc.hil.processes import Command, ProcessFailedError, command
@@ -37,7 +39,7 @@ class DrillSetup:
 
     Attributes:
         robot: A robot file, or the name of one that ships with the package.
-        bus: The options that name the bus, which all processes share; the last word is its name.
+        bus: The options that name the lines, which all processes share; the last word is the name of the drives'.
         serial: Whether a serial line is made for the drives.
         stepped: Whether the wall clocks that the processes read can be stepped.
         folder: Where messages, traces and the serial line go.
@@ -54,7 +56,7 @@ class DrillSetup:
 
     @property
     def channel(self) -> str:
-        """The name of the bus."""
+        """The name of the drives' line."""
         return self.bus[-1]
 
     @property
@@ -104,6 +106,12 @@ class Parts:
             for part in parts
             for line in self.setup.messages(part).read_text(errors="replace").splitlines()
         ]
+
+
+def lines_of_its_own(hardware: HardwareSettings, folder: Path, bus: Sequence[str]) -> list[str]:
+    """The options that name a robot's lines: those of a bus, or serial lines in `folder`; see `DrillSetup.bus`."""
+    imu = [] if imu_line(hardware) is None else ["--imu-serial", str(folder / "imu")]
+    return [*imu, *(bus if isinstance(hardware, BusSettings) else ("--serial", str(folder / "serial")))]
 
 
 def new_lines(before: Sequence[str], now: Sequence[str]) -> list[str]:

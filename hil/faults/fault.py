@@ -14,6 +14,7 @@ Target = Literal[
     "imu",
     "left_motor",
     "right_motor",
+    "drive",
     "encoder",
     "can",
     "serial",
@@ -82,6 +83,9 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
     },
     "left_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
     "right_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
+    "drive": {
+        "off": FaultKind("that of the first axis ends with an error of its own, and lets its motor go"),
+    },
     "encoder": {
         "off": FaultKind("the left wheel's reads zero, and no error"),
         "stuck": FaultKind("the left wheel's reads the same all the time"),
@@ -200,7 +204,7 @@ _ACT_AHEAD: Final = {
 }
 """Faults for which the run is another one before they begin: it remembers what was before, has another participant on
 its bus, or a model that can misbehave."""
-_FOR_GOOD: Final = {("battery", "off"), ("process", "off"), ("process", "stuck")}
+_FOR_GOOD: Final = {("battery", "off"), ("drive", "off"), ("process", "off"), ("process", "stuck")}
 """Faults whose end is not in the declaration's hands."""
 
 

@@ -177,3 +177,21 @@ class DisturbedLine:
             count = int(expected) + (noise.random.random() < expected % 1.0)
             if count:
                 self._wires.host.inject(noise.random.randbytes(count))
+
+
+class CutOnlyLine:
+    """Cuts the serial line that a robot has in place of a bus, where its bus would be, once in every tick of the rig.
+
+    The frames that `DisturbedBus` keeps from it are not all: at its end a node repeats the last command that it wrote.
+    """
+
+    def __init__(self, wires: SimulatedSerial, injections: Injections) -> None:
+        """Cut `wires`."""
+        self._wires = wires
+        self._injections = injections.of("can")
+
+    def act(self) -> None:
+        """Do what is due now."""
+        is_cut = any(injection.fault.type == "off" for injection in active(self._injections))
+        if is_cut != self._wires.cut:
+            self._wires.cut = is_cut

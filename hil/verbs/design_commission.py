@@ -16,6 +16,7 @@ from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.cli.options import (
     add_json,
     add_robot,
+    lines_of,
     output_file,
     print_found,
     real_time,
@@ -72,10 +73,7 @@ def _site(options: argparse.Namespace) -> Workplace:
     for name in ("error", "kill"):
         if getattr(options, name):
             raise ConfigurationError(f"--{name} is of a simulated robot: add --simulated")
-    words = [options.robot]
-    for name in ("interface", "channel", "serial"):
-        value = getattr(options, name)
-        words += [] if value is None else [f"--{name}", value]
+    words = [options.robot, *lines_of(options)]
     return RealSite(robot_file(options), TerminalPerson(sys.stdin.fileno(), sys.stderr), words)
 
 

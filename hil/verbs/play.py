@@ -17,14 +17,14 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.firmware_io.build import serial_of, takes_serial
+from segway_ecc.firmware_io.build import imu_line, serial_of, takes_serial
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.play.channel import LoopEnd, channel
 from segway_ecc.hil.play.stage import FORCE, PlantControls, PlayStage
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.rig.simulation import simulated_plant
-from segway_ecc.node.cli.options import add_namespace, add_robot, real_time, robot_file, stopped_by_signals
+from segway_ecc.node.cli.options import add_namespace, add_robot, lines_of, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Stage
 from segway_ecc.node.errors import ConfigurationError
@@ -91,14 +91,13 @@ def _with_lines(options: argparse.Namespace, folder: Path) -> RobotFile:
         options.interface, options.channel = "local", f"play_{os.getpid()}"
     if options.serial is None and takes_serial(hardware) and serial_of(hardware) is None:
         options.serial = str(folder / "serial")
+    if options.imu_serial is None and imu_line(hardware) is not None:
+        options.imu_serial = str(folder / "imu")
     return robot_file(options)
 
 
 def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Path) -> tuple[Command, Command]:
-    lines = [options.robot]
-    for name in ("interface", "channel", "serial"):
-        value = getattr(options, name)
-        lines += [] if value is None else [f"--{name}", value]
+    lines = [options.robot, *lines_of(options)]
     plant = stack.enter_context(command(["plant", *lines, "--control"], folder / "plant.txt", listens=True))
     plant.ask("heal", _PLANT_STARTS_WITHIN_S)
     return plant, stack.enter_context(command(["guard", *lines], folder / "guard.txt"))

@@ -13,8 +13,9 @@ from typing import Final
 from segway_ecc.firmware_io.build import serial_of, takes_serial
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.drill import trial
-from segway_ecc.hil.drill.parts import DrillSetup
+from segway_ecc.hil.drill.parts import DrillSetup, lines_of_its_own
 from segway_ecc.hil.drill.trial import FAULTS, DrillFault, DrillOutcome, DrillResult, why_not_down
+from segway_ecc.hil.rig.simulation import hardware_of
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
@@ -67,9 +68,8 @@ def _drill(options: argparse.Namespace, fault: DrillFault, folder: Path) -> Dril
     folder.mkdir()
     channel = options.channel or f"drill_{os.getpid()}_{folder.name}"
     bus = ["--interface", options.interface, "--channel", channel]
-    if not isinstance(load_robot(options.robot).hardware, BusSettings):
-        bus = ["--serial", str(folder / "serial")]
-    setup = DrillSetup(options.robot, bus, fault.serial, not options.no_guard, fault.stepped, folder)
+    lines = lines_of_its_own(hardware_of(load_robot(options.robot)), folder, bus)
+    setup = DrillSetup(options.robot, lines, fault.serial, not options.no_guard, fault.stepped, folder)
     return trial.run(fault, setup)
 
 

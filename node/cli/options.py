@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, TextIO
 
 import msgspec
 
-from segway_ecc.firmware_io.build import takes_serial, with_port
+from segway_ecc.firmware_io.build import imu_line, takes_serial, with_imu_port, with_port
 from segway_ecc.firmware_io.errors import SegwayEccError
 from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
@@ -30,27 +30,48 @@ _logger = logging.getLogger(__name__)
 _ROS_NAME: Final = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _LONGEST_ROS_NAME: Final = 120
 """Half of what ROS takes for a topic with its namespace."""
+_LINES: Final = ("interface", "channel", "serial", "imu-serial")
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """The robot file and its bus."""
+    """The robot file and its lines."""
     parser.add_argument("robot", help=f"a robot file, or one of {', '.join(packaged_robots())}")
+    add_lines(parser)
+
+
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """Other lines than those of the robot file; see `robot_file`."""
     parser.add_argument("--interface", help="python-can interface instead of the robot file's, or auto")
     parser.add_argument("--channel", help="CAN channel instead of the robot file's, or auto")
     parser.add_argument("--serial", metavar="PORT", help="serial line instead of the robot file's")
+    parser.add_argument("--imu-serial", metavar="PORT", help="serial line of the IMU instead of the robot file's")
+
+
+def lines_of(options: argparse.Namespace) -> list[str]:
+    """The options of `add_lines` that are given, as words of a command line for another process."""
+    return [word for name, value in _given_lines(options).items() for word in (f"--{name}", value)]
+
+
+def _given_lines(options: argparse.Namespace) -> dict[str, str]:
+    given = {name: getattr(options, name.replace("-", "_")) for name in _LINES}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
-    """The robot file, with the bus and the serial line that the command line names."""
+    """The robot file, with the bus and the serial lines that the command line names."""
     file = load_robot(options.robot)
-    names = ("interface", "channel", "serial")
-    wanted = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    wanted = _given_lines(options)
     if not wanted:
         return file
     if isinstance(file.hardware, NoHardwareSection):
         raise ConfigurationError(f"--{next(iter(wanted))}: robot '{file.name}' is on no CAN bus")
     hardware = file.hardware
+    imu_port = wanted.pop("imu-serial", None)
+    if imu_port is not None:
+        if imu_line(hardware) is None:
+            raise ConfigurationError(f"--imu-serial: robot '{file.name}' has no IMU on a serial line of its own")
+        hardware = with_imu_port(hardware, imu_port)
     port = wanted.pop("serial", None)
     if port is not None:
         if not takes_serial(hardware):

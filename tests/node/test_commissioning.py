@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from segway_ecc.firmware_io.build import imu_line, with_imu_port, with_port
 from segway_ecc.node.commissioning import (
     STEPS,
     CommissioningReport,
@@ -15,7 +16,7 @@ from segway_ecc.node.commissioning import (
     report_path,
     why_not_commissioned,
 )
-from segway_ecc.node.config import RobotFile, load_robot
+from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 
 ROBOT = msgspec.structs.replace(load_robot("segway"), commissioned="required")
@@ -112,6 +113,19 @@ def test_other_bus_leaves_the_report_good(path: Path) -> None:
     can = msgspec.structs.replace(hardware.can, interface="socketcan", channel="can7")  # type: ignore[union-attr]
     file = msgspec.structs.replace(ROBOT, hardware=msgspec.structs.replace(hardware, can=can))
     assert why_not_commissioned(file, path) is None
+
+
+def test_other_serial_lines_of_drives_and_imu_count_no_more_than_another_bus() -> None:
+    file = load_robot("segway-hoverboard")
+    assert not isinstance(file.hardware, NoHardwareSection)
+    moved = with_imu_port(with_port(file.hardware, "/dev/wheels"), "/dev/imu")
+    assert moved != file.hardware
+    assert digests_of(msgspec.structs.replace(file, hardware=moved)) == digests_of(file)
+    imu = imu_line(file.hardware)
+    assert imu is not None
+    turned = msgspec.structs.replace(imu, mounting=("+y", "-x", "+z"))
+    other = msgspec.structs.replace(file.hardware, external_imu=turned)
+    assert digests_of(msgspec.structs.replace(file, hardware=other))["hardware"] != digests_of(file)["hardware"]
 
 
 def test_broken_report_is_refused_with_its_place(path: Path) -> None:

@@ -24,6 +24,7 @@ from operator import xor
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
+from mypy_extensions import mypyc_attr
 
 from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
@@ -85,6 +86,7 @@ def checked(text: str) -> bytes:
     return data + b"*%d\n" % reduce(xor, data, 0)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # as `PhasedDrive`
 class OdriveSerialCodec:
     """Translates the frames of two axes of one board; see `SerialCodec`.
 

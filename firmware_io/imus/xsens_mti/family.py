@@ -16,4 +16,14 @@ def _sensor(settings: XsensMtiSettings, link: Link, period_s: float, clock: Cloc
     return XsensMti(link, settings, period_s, clock.now_ns, ride_through_s)
 
 
-FAMILY: Final = ImuFamily(settings=XsensMtiSettings, sensor=_sensor)
+def _why_not_fd(settings: XsensMtiSettings) -> str | None:
+    if settings.bears_fd:
+        return None
+    return (
+        "an MTi 600 is on classic CAN, and destroys the frames of CAN FD on the drives' bus; take an IMU on a line of "
+        "its own (type: icm42688_bridge), or keep those frames from it by a gateway or transceiver "
+        "and add bears_fd: true"
+    )
+
+
+FAMILY: Final = ImuFamily(settings=XsensMtiSettings, sensor=_sensor, why_not_fd=_why_not_fd)

@@ -20,11 +20,13 @@ class XsensMtiSettings(ImuSettings, frozen=True, kw_only=True, tag="xsens_mti"):
         ids: Arbitration ids other than those it is delivered with, by message.
         extended_ids: Whether all its ids are 29-bit ones.
         sample_time_unit: What one tick of its sample time is; it differs between firmware versions.
+        bears_fd: Whether it stands frames of CAN FD on its bus: a 600 itself does not, and destroys them.
     """
 
     ids: dict[Message, Annotated[int, msgspec.Meta(ge=0, lt=_EXTENDED_IDS)]] = msgspec.field(default_factory=dict)
     extended_ids: bool = False
     sample_time_unit: Literal["100us", "us"] = "100us"
+    bears_fd: bool = False
 
     def __post_init__(self) -> None:
         """Refuse ids that are too large or used twice, and a mounting that is no rotation."""

@@ -42,6 +42,19 @@ def test_the_only_line_is_looked_at_and_without_it_the_drives_are_out_of_reach(f
     assert (found.verdict, found.effect) == (Verdict.BAD, "the drives are out of reach")
 
 
+def test_the_line_of_an_imu_is_looked_at_beside_that_of_the_drives(fake: FakeMachine) -> None:
+    plain = workload(fake.root, "segway-hoverboard")
+    found = list(check_serial(fake.machine, plain))
+    assert [(each.verdict, each.name) for each in found] == [
+        (Verdict.GOOD, "serial /tmp/segway-hoverboard"),
+        (Verdict.GOOD, "IMU serial /tmp/segway-imu"),
+    ]
+    assert [f"serial {port}" for port in fake.probes.opened] == [each.name.removeprefix("IMU ") for each in found]
+    fake.probes.port_error = OSError(errno.ENOENT, os.strerror(errno.ENOENT))
+    _, imu = check_serial(fake.machine, plain)
+    assert (imu.verdict, imu.effect) == (Verdict.BAD, "the IMU is out of reach, and a robot that needs it does not arm")
+
+
 def test_a_port_by_its_udev_name(fake: FakeMachine) -> None:
     found = looked(fake, "/dev/segway-serial")
     assert {name: each.verdict for name, each in found.items()} == {"serial /dev/segway-serial": Verdict.GOOD}

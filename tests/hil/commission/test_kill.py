@@ -20,13 +20,16 @@ ROBOT = "segway"
 class Runs:
     """What comes of each run; see `Run`."""
 
-    def __init__(self, *torques: Torque | None) -> None:
+    def __init__(self, *torques: Torque | None, robot: str = ROBOT) -> None:
         self.torques = list(torques)
         self.guards: list[bool] = []
+        self.lines: list[str] = []
+        self._robot = robot
 
     def __call__(self, fault: DrillFault, setup: DrillSetup) -> DrillResult:
         assert fault.name == "node killed"
-        assert (setup.robot, setup.folder.is_dir()) == (ROBOT, True)
+        assert (setup.robot, setup.folder.is_dir()) == (self._robot, True)
+        self.lines = [word.replace(str(setup.folder), "") for word in setup.bus]
         self.guards.append(setup.guard)
         torque = self.torques.pop(0)
         return DrillResult(fault.name, DrillOutcome.ENDS, guard=setup.guard, torque=torque, messages=[], note="it died")
@@ -65,6 +68,13 @@ def test_robot_that_requires_a_guard_is_never_without() -> None:
 def test_torque_that_does_not_end_in_time_is_refused(torques: list[Torque | None], reason: str) -> None:
     with pytest.raises(StepRefusedError, match=reason):
         kill_node(ROBOT, load_robot(ROBOT), Runs(*torques))
+
+
+def test_robot_without_a_bus_is_killed_on_serial_lines_of_its_own() -> None:
+    robot = "segway-hoverboard"
+    runs = Runs(ended(0.03), robot=robot)
+    kill_node(robot, load_robot(robot), runs)
+    assert runs.lines == ["--imu-serial", "/imu", "--serial", "/serial"]
 
 
 def test_robot_that_arms_on_request_is_left_out() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.faults.fault import Fault, Injections, Target, Type
-from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
+from segway_ecc.hil.faults.links import CutOnlyLine, DisturbedBus, DisturbedDevicesLink, DisturbedLine
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
@@ -216,3 +216,21 @@ def test_noise_arrives_at_its_rate() -> None:
         bench.at(ms)
     assert bench.wires.host.in_waiting == 100  # 1000 bytes/s for 0.1 s
     assert len(set(bench.wires.host.read(100))) > 50
+
+
+def test_a_line_in_place_of_a_bus_is_cut_while_that_would_be() -> None:
+    clock = [0]
+    wires = SimulatedSerial(115_200, lambda: clock[0])
+    cut = Fault(target="can", type="off", at_s=0.1, for_s=0.1)
+    faults = Injections([cut, Fault(target="can", type="stale", at_s=0.0)], 0, lambda: clock[0])
+    line = CutOnlyLine(wires, faults)
+    faults.timeline.start()
+    arrived = {}
+    for at_ms in (50, 150, 250):
+        clock[0] = at_ms * MS
+        line.act()
+        wires.host.write(b"zero")
+        wires.device.write(b"told")
+        clock[0] += 10 * MS
+        arrived[at_ms] = (wires.device.read(9), wires.host.read(9))
+    assert arrived == {50: (b"zero", b"told"), 150: (b"", b""), 250: (b"zero", b"told")}

@@ -9,6 +9,7 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +18,8 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
+from segway_ecc.firmware_io.imus.icm42688_bridge.frames import BridgeCodec
+from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from tests.patience import PATIENCE_S
 
@@ -132,3 +135,24 @@ def test_plant_answers_on_a_real_serial_port(tmp_path: Path) -> None:
     assert received == [0x120, 0x121, BOARD_STATUS]
     assert plant.returncode == 0
     assert link.is_symlink()
+
+
+def test_a_plant_makes_the_line_of_an_imu_where_it_is_told_to(tmp_path: Path) -> None:
+    lines = {"--serial": tmp_path / "drives", "--imu-serial": tmp_path / "imu"}
+    words = ["plant", "segway-hoverboard", *(str(word) for line in lines.items() for word in line)]
+    codec, received = BridgeCodec(), list[Frame]()
+    command = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as plant:
+        deadline = time.monotonic() + PATIENCE_S
+        while not all(line.exists() for line in lines.values()) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        port = os.open(lines["--imu-serial"], os.O_RDONLY | os.O_NOCTTY)
+        while not received and select.select([port], [], [], PATIENCE_S)[0]:
+            received += codec.decode(os.read(port, 4096), 0)
+        os.close(port)
+        plant.send_signal(signal.SIGINT)
+        plant.communicate(timeout=PATIENCE_S)
+
+    assert received
+    assert plant.returncode == 0
+    assert not any(line.is_symlink() for line in lines.values()), "they go with the plant"

@@ -158,6 +158,15 @@ def test_a_serial_line_does_not_carry_on_a_robot_whose_imu_is_on_the_bus_alone(s
 
 
 @pytest.mark.usefixtures("trials")
+def test_a_robot_without_a_bus_has_lines_of_its_own_each_time(segway_ecc: Run, trials: Trials) -> None:
+    for robot, names in (("cart-hoverboard", ["serial"]), ("segway-hoverboard", ["imu", "serial"])):
+        segway_ecc("prove", "kill-drill", robot, "--fault", "node killed", "--repeat", "2")
+        for _, setup in trials.setups[-2:]:
+            assert list(setup.bus[1::2]) == [str(setup.folder / name) for name in names]
+            assert setup.bus[::2] == [f"--{'imu-serial' if name == 'imu' else 'serial'}" for name in names]
+            assert setup.channel == str(setup.folder / "serial")
+
+
 def test_a_robot_that_names_a_serial_line_is_refused(segway_ecc: Run, tmp_path: Path) -> None:
     text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart-can.yaml").read_text("utf-8")
     path = tmp_path / "serial.yaml"

@@ -7,17 +7,18 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.build import imu_line, serial_of
 from segway_ecc.firmware_io.links.settings import PortSettings, SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings, SerialOnlySettings
-from segway_ecc.node.cli.options import drawing_file, output_file, output_folder, robot_file
+from segway_ecc.node.cli.options import add_robot, drawing_file, lines_of, output_file, output_folder, robot_file
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 
 
 def read(robot: str, **wanted: str) -> RobotFile:
     """The robot file with what the command line wants instead."""
-    return robot_file(argparse.Namespace(robot=robot, **{"interface": None, "channel": None, "serial": None, **wanted}))
+    lines = dict.fromkeys(("interface", "channel", "serial", "imu_serial"))
+    return robot_file(argparse.Namespace(robot=robot, **{**lines, **wanted}))
 
 
 def test_without_options_it_is_the_robot_file() -> None:
@@ -39,9 +40,33 @@ def test_the_only_line_of_a_robot_is_named_like_one_to_fall_back_on() -> None:
     assert hardware.line == PortSettings(port="/dev/bench", baudrate=115_200)
 
 
+def test_the_line_of_an_imu_is_named_beside_that_of_the_drives() -> None:
+    hardware = read("segway-hoverboard", imu_serial="/dev/imu").hardware
+    own = load_robot("segway-hoverboard").hardware
+    assert isinstance(hardware, SerialOnlySettings)
+    assert isinstance(own, SerialOnlySettings)
+    line = imu_line(hardware)
+    assert line is not None
+    assert line.serial == PortSettings(port="/dev/imu", baudrate=460_800)
+    assert hardware.line == own.line
+    both = read("segway-hoverboard", imu_serial="/dev/imu", serial="/dev/bench").hardware
+    assert isinstance(both, SerialOnlySettings)
+    assert (both.line.port, both.external_imu) == ("/dev/bench", line)
+
+
 @pytest.mark.parametrize(
     ("robot", "wanted", "message"),
     [
+        (
+            "segway-odrive",
+            {"imu_serial": "/dev/x"},
+            r"^--imu-serial: robot 'segway-odrive' has no IMU on a serial line of its own$",
+        ),
+        (
+            "cart-can",
+            {"imu_serial": "/dev/x", "channel": "can7"},
+            r"^--imu-serial: robot 'cart-can' has no IMU on a serial line of its own$",
+        ),
         ("cart", {"channel": "can7"}, r"^--channel: robot 'cart' is on no CAN bus$"),
         (
             "cart-hoverboard",
@@ -54,6 +79,14 @@ def test_the_only_line_of_a_robot_is_named_like_one_to_fall_back_on() -> None:
 def test_what_the_robot_does_not_have_is_refused(robot: str, wanted: dict[str, str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         read(robot, **wanted)
+
+
+def test_lines_are_handed_on_to_another_process_as_they_were_given() -> None:
+    parser = argparse.ArgumentParser()
+    add_robot(parser)
+    words = ["--interface", "local", "--serial", "/dev/bench", "--imu-serial", "/dev/imu"]
+    assert lines_of(parser.parse_args(["segway-hoverboard", *words])) == words
+    assert lines_of(parser.parse_args(["segway-hoverboard"])) == []
 
 
 def test_a_file_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:

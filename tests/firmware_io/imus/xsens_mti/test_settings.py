@@ -33,6 +33,29 @@ def test_imu_settings_default_to_the_factory_ones() -> None:
     assert found.rotation.to_robot((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.parametrize("text", ["{}", "{type: xsens_mti, bears_fd: false}"])
+def test_on_a_bus_of_can_fd_it_is_refused_in_a_line_that_has_the_remedies(text: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        imu(f"  can: {{fd: true}}\n  external_imu: {text}")
+    assert str(caught.value) == (
+        "bench.yaml: hardware.external_imu: an MTi 600 is on classic CAN, and destroys the frames of CAN FD on the "
+        "drives' bus; take an IMU on a line of its own (type: icm42688_bridge), or keep those frames from it by a "
+        "gateway or transceiver and add bears_fd: true"
+    )
+
+
+def test_it_is_taken_there_where_those_frames_are_kept_from_it_and_on_classic_can() -> None:
+    found = imu("  can: {fd: true}\n  external_imu: {bears_fd: true}")
+    assert found is not None
+    assert found.bears_fd
+    assert imu("  can: {fd: false}\n  external_imu: {}") is not None
+
+
+def test_an_imu_on_a_line_of_its_own_does_not_mind_can_fd() -> None:
+    own = "{type: icm42688_bridge, serial: {port: /dev/imu}}"
+    assert imu(f"  can: {{fd: true}}\n  external_imu: {own}") is not None
+
+
 def test_everything_can_be_set() -> None:
     found = imu("""
   external_imu:
