@@ -10,9 +10,9 @@ from segway_ecc.hil.page import page, pairs, section, table
 
 _TITLE: Final = "Campaign: declared faults, in lock step"
 _INTRODUCTION: Final = (
-    "Each row is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
+    "Each is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
     "change of mode or line, and to the last torque or voltage that a drive gave. The distance is from where the "
-    "robot without the fault is at the same time. The command in a row runs it again, bit-identical."
+    "robot without the fault is at the same time. The command below each runs it again, bit-identical."
 )
 
 
@@ -30,12 +30,16 @@ def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
 
 
 def _table(results: Sequence[ScenarioResult]) -> str:
+    """Two rows for each run: its figures, and below, as wide as the screen, the reasons and the command."""
     rows = []
     for result in results:
         name, *others = cells(result)
         data = "".join(f"<td>{escape(text)}</td>" for text in others)
         reasons = "".join(f"<span>{escape(part)}</span><br>" for part in (*result.why_not, result.reason) if part)
-        last = f"<td>{reasons}<code>{escape(result.command)}</code></td>"
-        kind = "" if result.is_as_expected else ' class="bad"'
-        rows.append(f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n')
-    return table("Runs", (*HEAD, "reason, and how to run it again"), rows)
+        kind = "" if result.is_as_expected else " bad"
+        rows.append(
+            f'<tr class="figures{kind}"><th scope="row">{escape(name)}</th>{data}</tr>\n'
+            f'<tr class="again"><td colspan="{len(HEAD)}"><div>{reasons}<code>{escape(result.command)}</code></div>'
+            "</td></tr>\n"
+        )
+    return table("Runs; below each its reason, and how to run it again", HEAD, rows)

@@ -60,18 +60,14 @@ def document(found: Comparison) -> dict[str, object]:
     }
 
 
-def curves(found: Comparison) -> tuple[Array, list[tuple[str, Array, Array]]]:
-    """Times, s, and of each signal its label, what was logged and what was simulated, to be drawn."""
+def curves(found: Comparison) -> tuple[Array, list[tuple[str, str, Array, Array]]]:
+    """Times, s, and of each signal its name, its unit, what was logged and what was simulated, to be drawn."""
     places = _drawn(found)
-    panels = [
-        (
-            "\n".join((*each.name.split("."), each.unit)),  # one below the other, so that labels do not overlap
-            found.run.values[each.name][places],
-            _broken(found, each)[places],
-        )
+    drawn = [
+        (each.name, each.unit, found.run.values[each.name][places], _broken(found, each)[places])
         for each in found.residuals
     ]
-    return found.run.starts[places], panels
+    return found.run.starts[places], drawn
 
 
 def render(found: Comparison) -> str:

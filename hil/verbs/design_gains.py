@@ -4,10 +4,12 @@
 import argparse
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from segway_ecc.hil.design.robot_text import DIGITS, rounded, with_parameters
+from segway_ecc.hil.design.linear_model import Margins
+from segway_ecc.hil.design.robot_text import rounded, with_parameters
 from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_json, print_found
@@ -15,9 +17,12 @@ from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
+from segway_ecc.node.readable import short
 
 DELAY: Final = 2
 """Periods: one until the command leaves in the next cycle's exchange, one at most until the drive's loop takes it."""
+_APART: Final = 1e-6
+"""Of the largest pole: what is nearer to another, or to an axis, is on it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -93,18 +98,37 @@ def _loop_as_json(loop: Loop) -> dict[str, Any]:
 
 
 def _as_text(found: Design) -> dict[str, str]:
-    rows = {name: f"{value:.{DIGITS}g}" for name, value in found.gains.items()}
+    rows = {name: short(value) for name, value in found.gains.items()}
     for name, loop in (("balance", found.balance), ("yaw", found.yaw)):
         m = loop.margins
-        rows[f"{name}: open-loop poles, rad/s"] = ", ".join(map(_pole, loop.open_poles))
-        rows[f"{name}: closed-loop poles, z"] = ", ".join(map(_pole, loop.closed_poles))
-        rows[f"{name}: gain margin"] = f"times {m.gain_down:.3g} to {m.gain_up:.3g}"
-        rows[f"{name}: phase margin"] = f"{math.degrees(m.phase_rad):.1f} degrees at {m.crossover_rad_s:.3g} rad/s"
+        rows[f"{name}: open-loop poles, rad/s"] = pole_text(loop.open_poles)
+        rows[f"{name}: closed-loop poles, z"] = pole_text(loop.closed_poles)
+        rows[f"{name}: gain margin"] = _gain_margin(m)
+        rows[f"{name}: phase margin"] = f"{math.degrees(m.phase_rad):.1f} degrees at {short(m.crossover_rad_s)} rad/s"
         rows[f"{name}: delay margin"] = f"{m.delay_s * 1e3:.1f} ms more than the design's"
     return rows
 
 
-def _pole(pole: complex) -> str:
-    if abs(pole.imag) < 1e-9:  # noqa: PLR2004 - what is left of rounding
-        return f"{pole.real + 0.0:.4g}"
-    return f"{pole.real:.4g}{pole.imag:+.4g}j"
+def _gain_margin(m: Margins) -> str:
+    """Between which factors the gain may lie; where nothing limits it, what is found is rounding, and no factor."""
+    down = f"times {short(m.gain_down)}" if m.gain_down > _APART else ""
+    up = f"times {short(m.gain_up)}" if m.gain_up < 1.0 / _APART else ""
+    if down and up:
+        return f"{down} to {short(m.gain_up)}"
+    return f"{down} and more" if down else f"up to {up}" if up else "any"
+
+
+def pole_text(poles: Sequence[complex]) -> str:
+    """Poles in a row, two that are conjugate as one entry.
+
+    Two that lie in one place come apart by the root of the rounding, 1e-8 of the largest: that is no part of them.
+    """
+    least = _APART * max(map(abs, poles), default=0.0)
+    texts = []
+    for pole in poles:
+        real, imaginary = short(pole.real, least), short(abs(pole.imag), least)
+        if imaginary == "0":
+            texts.append(real)
+        elif pole.imag > 0.0:
+            texts.append(f"{real} +- {imaginary}j")
+    return ", ".join(texts)

@@ -22,6 +22,7 @@ from segway_ecc.node.config import RobotFile, decode_robot, read_text
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.segway_parameters import SegwayParameters
+from segway_ecc.node.readable import short
 from segway_ecc.node.recording.layout import ROBOT_TEXT
 from segway_ecc.node.recording.salvage import Salvage
 
@@ -141,7 +142,7 @@ def _roll_inertia(p: SegwayParameters, parts: Mapping[str, float]) -> float:
 def as_text(found: Identified, advice: Sequence[Advice] = ()) -> list[str]:
     """A table of what was found, and what to know of it."""
     rows = [("quantity", "unit", "before", "found", "+- (95 %)", "")]
-    rows += [(e.name, e.unit, f"{e.known:.4g}", f"{e.value:.4g}", e.interval_text, e.remark) for e in found.estimates]
+    rows += [(e.name, e.unit, short(e.known), short(e.value), e.interval_text, e.remark) for e in found.estimates]
     lines = [*aligned(rows), *(f"note: {remark}" for remark in found.remarks)]
     if advice:
         lines += ["", "What would tell more, the best first, with the intervals that are expected of it:"]

@@ -31,9 +31,12 @@ from segway_ecc.node.cli.options import add_json, output_folder, print_found
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.segway_parameters import SegwayParameters
+from segway_ecc.node.readable import short
 
 ROBOT: Final = "segway"
 _SEEDS: Final = 3
+_NO_ERROR: Final = 1e-6
+"""Of the error that is allowed: a steady one that is less is rounding."""
 _NEVER_SLIPS: Final = "wheels never slip"
 _ITS_OWN: Final = "wheels slip, by the friction that the plant has at its start"
 _EACH_COLUMN: Final = "wheels slip, by the friction of each column"
@@ -137,12 +140,13 @@ def _document(found: Limit | Tracking) -> dict[str, object]:
 
 
 def _row(limit: Limit) -> tuple[str, ...]:
-    tolerated = f"{'more than ' if limit.is_beyond else ''}{limit.tolerated:.3g}"
-    required = "-" if limit.required is None else f"{limit.required:.3g}"
+    tolerated = f"{'more than ' if limit.is_beyond else ''}{short(limit.tolerated)}"
+    required = "-" if limit.required is None else short(limit.required)
     return limit.name, tolerated, required, limit.unit, "" if limit.is_enough else "NOT MET"
 
 
 def _tracking_row(found: Tracking) -> tuple[str, ...]:
     settled = f"settled after {found.settled_s:.2f} s" if math.isfinite(found.settled_s) else "never settled"
     verdict = settled if found.is_enough else f"{settled}, NOT MET"
-    return found.name, f"{found.steady_error:.3g}", f"{found.required:.3g}", found.unit, verdict
+    error = short(found.steady_error, _NO_ERROR * found.required)
+    return found.name, error, short(found.required), found.unit, verdict

@@ -20,7 +20,8 @@ from segway_ecc.hil.comparison.logged import read_run
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.proofs import claims_out, write_report
-from segway_ecc.node.cli.options import Curve, add_json, draw_panels, drawing_file, output_folder, print_found
+from segway_ecc.node.cli.options import add_json, drawing_file, output_folder, print_found
+from segway_ecc.node.cli.panels import Signal, draw_panels
 from segway_ecc.node.errors import ConfigurationError, RecordingError
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
 
@@ -70,12 +71,9 @@ def run(options: argparse.Namespace) -> int:
         delay_s = None if options.delay is None else options.delay * 1e-3
         found = compare(run, load_model(source, parameters), options.window, delay_s, on_progress)
     if options.plot is not None:
-        times, panels = report.curves(found)
-        drawn = [
-            (label, [Curve(logged.tolist(), "logged", 2.5), Curve(simulated.tolist(), "simulated", 1.0)])
-            for label, logged, simulated in panels
-        ]
-        draw_panels(options.plot, times.tolist(), drawn)
+        times, drawn = report.curves(found)
+        signals = [Signal(name, unit, [logged.tolist(), now.tolist()]) for name, unit, logged, now in drawn]
+        draw_panels(options.plot, times.tolist(), signals, ("logged", "simulated"))
     for damage in run.damage:
         sys.stderr.write(f"segway-ecc: {damage}\n")
     document = report.document(found)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Options and habits that several verbs share, and the tables and drawings that they write."""
+"""Options and habits that several verbs share, and the tables that they write."""
 
 import argparse
 import contextlib
@@ -13,9 +13,9 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Final, NamedTuple, TextIO
+from typing import Final, TextIO
 
 import msgspec
 
@@ -220,14 +220,6 @@ def stopped_by_signals(stop: Callable[[str], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-class Curve(NamedTuple):
-    """Values over time; without a label it has no legend."""
-
-    values: Sequence[float]
-    label: str | None = None
-    width: float = 1.5
-
-
 def output_file(text: str) -> Path:
     """The file of an option, which can be written: looked at before the work is done for nothing.
 
@@ -286,28 +278,3 @@ def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]
             writer.writerows(rows)
     except OSError as error:
         raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error
-
-
-def draw_panels(path: Path, times: Sequence[float], panels: Sequence[tuple[str, Sequence[Curve]]]) -> None:
-    """Draw labelled panels of curves over time, s, one below the other; the file's name ends in its format.
-
-    Raises:
-        ConfigurationError: The file cannot be written.
-    """
-    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra that everything else does without
-
-    figure = Figure(figsize=(8, 1.2 + 1.8 * len(panels)), layout="constrained")
-    axes = figure.subplots(max(len(panels), 1), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, (label, curves) in zip(axes, panels, strict=False):
-        for curve in curves:
-            panel.plot(times, curve.values, linewidth=curve.width, label=curve.label)
-        panel.set_ylabel(label)
-        panel.grid(visible=True)
-        if any(curve.label for curve in curves):
-            panel.legend()
-    axes[-1].set_xlabel("time, s")
-    try:
-        with path.open("wb") as file:  # by its name alone it would get an ending
-            figure.savefig(file, format=path.suffix[1:].lower() or None)
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"cannot draw {path}: {error}") from error

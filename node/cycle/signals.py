@@ -28,6 +28,8 @@ IMU_SIGNALS: Final = (
 SUPPLY_SIGNAL: Final = "supply.voltage"
 """What feeds the motors: V."""
 
+_UNITS: Final = {"angle": "rad", "velocity": "rad/s", "torque": "N m", "voltage": "V"}
+
 SET: Final = "set."
 """Begins the name of a value that anybody may set: `set.force` is the topic `set/force`."""
 
@@ -57,3 +59,8 @@ def effort_signals(signals: Collection[str]) -> tuple[str, ...]:
 def published_signals(signals: Collection[str]) -> tuple[str, ...]:
     """What a robot can publish whose hardware measures `signals`."""
     return (*ODOMETRY_SIGNALS, *joint_signals(signals), *IMU_SIGNALS, SUPPLY_SIGNAL, *effort_signals(signals))
+
+
+def axis_unit(signal: str) -> str:
+    """The unit of a signal or command of an axis by its name, such as `left.torque`; empty where that does not tell."""
+    return _UNITS.get(signal.rpartition(".")[2], "")

@@ -3,7 +3,7 @@
 
 import struct
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -62,6 +62,7 @@ class Outcome:
         damage: What is damaged in the log's files.
         is_cut: Whether the log ends before its time; what came before was compared all the same.
         is_other_model: Whether the model is not the one that ran.
+        units: Of the model's outputs, by name.
     """
 
     duration_s: float = 0.0
@@ -76,6 +77,7 @@ class Outcome:
     damage: Sequence[str] = ()
     is_cut: bool = False
     is_other_model: bool = False
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def cycles(self) -> int:
@@ -153,6 +155,7 @@ def replay(
             outcome.add(record.cycle)
     outcome.gap, outcome.missing, outcome.refusal = run.gap, run.missing, player.refusal
     outcome.damage, outcome.is_cut, outcome.is_other_model = run.damage, run.is_cut, player.is_other_model
+    outcome.units = player.units
     return outcome
 
 
@@ -162,6 +165,7 @@ class _Player:
     Attributes:
         keeper: Keeps the newest cycle as computed.
         is_other_model: Whether the model is not the one that ran.
+        units: Of the model's outputs, by name.
         refusal: Why a snapshot could not be put back; empty where all could.
         cycle: The number of the present cycle.
     """
@@ -169,6 +173,7 @@ class _Player:
     def __init__(self, run: RecordedRun, model: str | None, watchdog: ModelWatchdog | None) -> None:
         """Make the robot, with the model that is there now."""
         self.refusal = ""
+        self.units: Mapping[str, str] = {}
         self.cycle = 0
         self._watchdog = watchdog
         self._run = run
@@ -253,6 +258,7 @@ class _Player:
             self._model = watched = self._watchdog.watch(self._model, round(limit_s * NS_PER_S))
             watched.counter = self
         self.is_other_model = self._run.model_hash != model_hash(section.source)  # of a model that is loaded
+        self.units = {variable.name: variable.unit for variable in self._model.outputs}
         self._recorded, self.keeper = RecordedRobot(self._run.layout), _Keeper()
         self._recorded.pass_to(record)
         declared = declared_variables(self._model, section.ranges, section.tunable_while_armed)

@@ -8,13 +8,16 @@ compared is identical); 134 the model does not return from a call, else 128 + N 
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cli.options import Curve, add_json, draw_panels, drawing_file, print_found
+from segway_ecc.node.cli.options import add_json, drawing_file, print_found
+from segway_ecc.node.cli.panels import Signal, draw_panels
 from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.node.cycle.signals import axis_unit
 from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.replay.replay import Outcome, replay
 from segway_ecc.node.watchdog.apart import run_apart
@@ -22,6 +25,7 @@ from segway_ecc.node.watchdog.watchdog import model_watchdog
 
 _DIFFERS: Final = 1
 _AHEAD: Final = "  "
+_NS: Final = 1e-9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=Path, metavar="LOG", help="the log of a run (MCAP); of several files, the first")
     parser.add_argument("--model", metavar="SOURCE", help="where the model is now, in place of where it was")
     parser.add_argument(
-        "--plot", type=drawing_file, metavar="FILE", help="draw commands as recorded and as computed (PNG, SVG)"
+        "--plot",
+        type=drawing_file,
+        metavar="FILE",
+        help="draw commands, or the outputs of a model that sends none, as recorded and as computed (PNG, SVG)",
     )
     add_json(parser)
 
@@ -39,13 +46,9 @@ def run(options: argparse.Namespace) -> int:
     log = RecordedRun(options.log)
     names, source = log.layout.commands, options.model or log.robot.model.source
     outcome, pairs = run_apart(lambda: _replay_watched(options, source))
-    if options.plot is not None:
-        times = [(recorded.start_ns - pairs[0][0].start_ns) * 1e-9 for recorded, _ in pairs]
-        panels = []
-        for index, name in enumerate(names):
-            recorded = Curve([each.commands[index] for each, _ in pairs], "recorded", 2.5)
-            panels.append((name, [recorded, Curve([each.commands[index] for _, each in pairs], "computed", 1.0)]))
-        draw_panels(options.plot, times, panels)
+    if pairs:
+        times = [(recorded.start_ns - pairs[0][0].start_ns) * _NS for recorded, _ in pairs]
+        draw_panels(options.plot, times, _drawn(log.layout, outcome.units, pairs), ("recorded", "computed"))
     warnings = ["the model is not the one that ran: its files have another content"] if outcome.is_other_model else []
     warnings += outcome.damage
     if not outcome.cycles and not outcome.behind and outcome.difference is None:
@@ -59,6 +62,8 @@ def run(options: argparse.Namespace) -> int:
         warnings.append(f"snapshots of the state were not compared: {outcome.refusal}")
     if outcome.is_cut:
         warnings.append("the log ends before its time, as after a power cut or a killed node: replayed up to there")
+    if options.plot is not None and not pairs:
+        warnings.append(f"nothing was compared, so {options.plot} is not drawn")
     for warning in warnings:
         sys.stderr.write(f"segway-ecc: {warning}\n")
     document = {
@@ -91,6 +96,21 @@ def _replay_watched(options: argparse.Namespace, source: str) -> tuple[Outcome, 
 
     with model_watchdog(source) as watchdog:
         return replay(options.log, options.model, None if options.plot is None else keep, watchdog), pairs
+
+
+def _drawn(
+    layout: CycleLayout, units: Mapping[str, str], pairs: Sequence[tuple[CycleRecord, CycleRecord]]
+) -> list[Signal]:
+    """What is drawn: the commands, else what the model gives; `units` are those of its outputs, by name."""
+    if layout.commands:
+        names, values = layout.commands, [(was.commands, now.commands) for was, now in pairs]
+        units = {name: axis_unit(name) for name in names}
+    else:
+        names, values = layout.outputs, [(was.y, now.y) for was, now in pairs]
+    return [
+        Signal(name, units.get(name, ""), [[pair[layer][index] for pair in values] for layer in range(2)])
+        for index, name in enumerate(names)
+    ]
 
 
 def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:

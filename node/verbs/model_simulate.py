@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.cli.options import (
-    Curve,
     add_json,
     add_model,
     check_seconds,
     count_steps,
-    draw_panels,
     drawing_file,
     model_failures,
     output_file,
     print_found,
     write_csv,
 )
+from segway_ecc.node.cli.panels import Signal, draw_panels
 from segway_ecc.node.errors import ConfigurationError, ModelFailedError, plain_number
 from segway_ecc.node.model.model import simulate
 from segway_ecc.node.models.load import load_model, locate
@@ -70,9 +69,8 @@ def run(options: argparse.Namespace) -> int:
                 for name, value in zip(topics, (*sample.u, *sample.y), strict=True):
                     log.float64(name, round(sample.time * _NS_PER_S), value)
     if options.plot is not None:
-        labels = [v.name if v.unit == "1" else f"{v.name}, {v.unit}" for v in model.outputs]
-        panels = [(label, [Curve([s.y[index] for s in samples])]) for index, label in enumerate(labels)]
-        draw_panels(options.plot, [sample.time for sample in samples], panels)
+        drawn = [Signal(v.name, v.unit, [[s.y[index] for s in samples]]) for index, v in enumerate(model.outputs)]
+        draw_panels(options.plot, [sample.time for sample in samples], drawn)
     last = samples[-1]
     outputs = {v.name: value for v, value in zip(model.outputs, last.y, strict=True)}
     texts = {v.name: f"{outputs[v.name]:.6g} {v.unit}" for v in model.outputs}

@@ -121,7 +121,7 @@ def test_the_report_is_one_page_that_loads_nothing_and_shows_what_is_wrong_first
     assert page.loads == []
     assert "url(" not in text
     assert "@import" not in text
-    assert page.rows == 4  # two tables, each with a head
+    assert page.rows == 6  # two tables, each with a head and two rows of a run
     assert "1 of 2 runs as expected." in page.texts
     assert page.texts.index("Not as expected") < page.texts.index("bad") < page.texts.index("As expected")
     assert page.texts.index("As expected") < page.texts.index("can-cut")

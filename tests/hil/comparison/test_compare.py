@@ -59,9 +59,9 @@ def test_a_signal_is_only_there_where_it_was_simulated(drive: DriveRecord) -> No
     simulated = np.isfinite(found.simulated["left.angle"])
     assert simulated.sum() == sum(piece.end - piece.first for piece in found.pieces)
     assert {piece.end - piece.first for piece in found.pieces} == {20}
-    times, panels = curves(found)
-    assert [label.splitlines()[-1] for label, *_ in panels][:2] == ["rad", "rad/s"]
-    assert all(len(curve) == len(times) for _, *drawn in panels for curve in drawn)
+    times, drawn = curves(found)
+    assert [unit for _, unit, *_ in drawn][:2] == ["rad", "rad/s"]
+    assert all(len(curve) == len(times) for _, _, *both in drawn for curve in both)
 
 
 def test_no_window_reaches_over_missing_cycles(drive: DriveRecord) -> None:

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.design.robot_text import rounded
-from segway_ecc.hil.verbs.design_gains import designed
+from segway_ecc.hil.verbs.design_gains import designed, pole_text
 from segway_ecc.node.config import load_robot, read_text
+from tests.drawn_texts import hard_numbers
 
 Run = Callable[..., Any]
 ROBOTS = ["segway", "segway-odrive"]
@@ -29,6 +30,30 @@ def test_it_prints_poles_and_margins(segway_ecc: Run) -> None:
     # The falling body alone: sqrt(m g l M / (M J - (m l)^2)) of the published numbers.
     assert rows["balance: open-loop poles, rad/s"].split()[0] == "9.697,"
     assert {"balance: gain margin", "balance: phase margin", "balance: delay margin", "PitchGain"} <= set(rows)
+
+
+def test_poles_of_rounding_are_none_and_numbers_are_short(segway_ecc: Run) -> None:
+    out = segway_ecc("design", "gains", "segway").out
+    rows = dict(line.split("  ", maxsplit=1) for line in out.splitlines())
+    # A body that may stand anywhere, at any speed: two poles at zero, which come out some 1e-8 apart.
+    assert rows["balance: open-loop poles, rad/s"].split() == ["9.697,", "0,", "0,", "-9.697"]
+    assert rows["yaw: open-loop poles, rad/s"].split() == ["0,", "0"]
+    # Two integrators under feedback of both states stay stable however small the gain is; it was times 1.459e-08.
+    assert rows["yaw: gain margin"].split() == ["up", "to", "times", "43.81"]
+    assert hard_numbers(out.splitlines()) == []
+
+
+@pytest.mark.parametrize(
+    ("poles", "text"),
+    [
+        ([9.69712, 1.46e-8j, -1.46e-8j, -9.69712], "9.697, 0, 0, -9.697"),
+        ([0.9 + 0.012345j, 0.9 - 0.012345j, 0.5 + 1e-9j, 0.5 - 1e-9j], "0.9 +- 0.01235j, 0.5, 0.5"),
+        ([0.0, 0.0], "0, 0"),
+        ([], ""),
+    ],
+)
+def test_poles_are_told_in_a_row(poles: list[complex], text: str) -> None:
+    assert pole_text(poles) == text
 
 
 def test_json_has_the_same(segway_ecc: Run) -> None:

@@ -10,16 +10,24 @@ from typing import Any
 
 import msgspec
 import pytest
+from matplotlib.figure import Figure
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from msgspec.structs import replace
 
-from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.hil.rig.simulation import LockstepRig
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.cycle_message import cycle_of
-from segway_ecc.node.recording.layout import LogEnd, LogPart, Provenance
+from segway_ecc.node.recording.layout import LogEnd, LogPart, Provenance, layout_of
+from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.replay.recorded import RecordedRun
+from segway_ecc.node.robot import build_robot
+from tests.drawn_texts import bare_axes, overlapping, texts_of
+from tests.node.replay.conftest import Script
 
 Run = Callable[..., Any]
 
@@ -199,9 +207,41 @@ def test_another_model_is_warned_of_and_may_differ(segway_ecc: Run, log: Path, t
     assert outcome.errors == ["segway-ecc: the model is not the one that ran: its files have another content"]
 
 
-def test_a_drawing_is_made(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
+def test_commands_are_drawn_as_recorded_and_as_computed(
+    segway_ecc: Run, log: Path, tmp_path: Path, drawn: list[Figure]
+) -> None:
     assert segway_ecc("log", "replay", str(log), "--plot", str(tmp_path / "a.svg")).code == 0
-    assert b"right.voltage" in (tmp_path / "a.svg").read_bytes() or (tmp_path / "a.svg").stat().st_size > 10_000
+    (axes,) = drawn[0].axes
+    assert axes.get_ylabel() == "V"
+    assert [line.get_label() for line in axes.lines] == [
+        f"{side}.voltage, {layer}" for side in ("left", "right") for layer in ("recorded", "computed")
+    ]
+    assert (tmp_path / "a.svg").stat().st_size > 10_000
+
+
+def test_of_a_robot_without_commands_the_outputs_of_its_model_are_drawn(
+    segway_ecc: Run, tmp_path: Path, drawn: list[Figure]
+) -> None:
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    path = tmp_path / "cart.mcap"
+    script = Script({5: Inbox(setpoints=[StampedSetpoint(Setpoint(1.0, 0.5), None)])})
+    robot.loop(script, CycleLog(path, layout_of(robot), provenance_of(robot.file))).run(80)
+    assert segway_ecc("log", "replay", str(path), "--plot", str(tmp_path / "a.png")).code == 0
+
+    (figure,) = drawn
+    names = {str(line.get_label()).partition(",")[0] for axes in figure.axes for line in axes.lines}
+    assert names == {variable.name for variable in robot.model.outputs}
+    assert {axes.get_ylabel() for axes in figure.axes} == {"m", "rad", "m/s", "rad/s"}
+    assert bare_axes(figure) == []
+    assert overlapping(texts_of(figure)) == []
+
+
+def test_where_nothing_was_compared_nothing_is_drawn(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
+    plot = tmp_path / "a.png"
+    outcome = segway_ecc("log", "replay", str(rewritten(log, lambda _: None)), "--plot", str(plot))
+    assert outcome.code == 9
+    assert outcome.errors[-1] == f"segway-ecc: nothing was compared, so {plot} is not drawn"
+    assert not plot.exists()
 
 
 def test_what_is_no_log_ends_it_with_9(segway_ecc: Run, tmp_path: Path) -> None:

@@ -7,7 +7,10 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+from matplotlib.figure import Figure
 from mcap.reader import make_reader
+
+from tests.drawn_texts import bare_axes, hard_numbers, overlapping, texts_of
 
 Run = Callable[..., Any]
 CONTROLLER = "segway_ecc.node.models.cart:CartController"
@@ -71,6 +74,27 @@ def test_every_sample_goes_to_the_files(segway_ecc: Run, tmp_path: Path) -> None
         assert summary.statistics is not None
         assert summary.statistics.message_count == 51 * 9
     assert ET.fromstring(files["plot"].read_text()).tag.endswith("svg")  # noqa: S314 - we drew it a moment ago
+
+
+def test_outputs_of_one_unit_are_drawn_together(segway_ecc: Run, tmp_path: Path, drawn: list[Figure]) -> None:
+    words = (
+        "model",
+        "simulate",
+        "segway_ecc.hil.plants.cart:CartPlant",
+        "--duration",
+        "1",
+        "--input",
+        "left.voltage=5",
+    )
+    assert segway_ecc(*words, "--plot", str(tmp_path / "out.png")).code == 0
+    (figure,) = drawn
+    texts = texts_of(figure)
+    assert sorted(axes.get_ylabel() for axes in figure.axes) == ["m", "m/s", "m/s2", "rad", "rad/s"]
+    assert {"left.velocity", "imu.angular_velocity_z"} <= {text.text for text in texts}
+    assert any("right.velocity 0 rad/s" in text.text for text in texts)
+    assert bare_axes(figure) == []
+    assert overlapping(texts) == []
+    assert hard_numbers([text.text for text in texts]) == []
 
 
 @pytest.mark.parametrize(
