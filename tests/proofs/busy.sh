@@ -86,14 +86,18 @@ seats = [seat for seat in limits if seat in cells[0]]
 worst = {s: max(abs(a - b) for c in cells for a, b in zip(c[s], c["offline_20sim"])) for s in seats}
 same = all(cell["ros"] == cell["offline"] for cell in cells) if {"ros", "offline"} <= set(seats) else None
 good = bool(seats) and same is not False and all(worst[seat] <= limits[seat] for seat in seats)
-real = found["real_time"] or {"timing": None, "failure": ""}
-timing = real["timing"]
-_, stalled, length = real["failure"].partition("the machine stalled for ")
-shown = f"no result; {stalled}{length.split(';')[0]}" if timing is None else (
-    f"worst {timing['lateness_worst_s'] * 1e3:.1f} ms late, {timing['skipped']} skipped, "
-    f"stalled {timing['stall_s'] * 1e3:.0f} ms"
-)
-print(*(f"{seat} {worst[seat]:.4f} m," for seat in seats), f"bits of ros and offline {'not ' * (not same)}equal,",
+real = found["real_time"]
+timing = real and real["timing"]
+if real is None:
+    shown = "not run"
+elif timing is None:
+    _, stalled, length = real["failure"].partition("the machine stalled for ")
+    shown = f"no result; {stalled}{length.split(';')[0]}"
+else:
+    shown = f"worst {timing['lateness_worst_s'] * 1e3:.1f} ms late, {timing['skipped']} skipped, "
+    shown += f"stalled {timing['stall_s'] * 1e3:.0f} ms"
+bits = [] if same is None else [f"bits of ros and offline {'not ' * (not same)}equal,"]
+print(*(f"{seat} {worst[seat]:.4f} m," for seat in seats), *bits,
       f"{len(found['repeated'])} repeats, can in real time: {shown}")
 sys.exit(not good)
 END
