@@ -26,7 +26,14 @@ from segway_ecc.hil.case_study.study import Cell, Edge, RealTimeRun, Seat, Study
 from segway_ecc.hil.errors import RigError, RunFailedError
 from segway_ecc.hil.processes import ProcessFailedError, command, own_ros_domain
 from segway_ecc.node.cycle.trajectory import cycle_at
-from segway_ecc.node.errors import NobodyListensError, NodeError, RobotLostError, RosUnavailableError, SequenceError
+from segway_ecc.node.errors import (
+    NobodyListensError,
+    NodeError,
+    RecordingError,
+    RobotLostError,
+    RosUnavailableError,
+    SequenceError,
+)
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.ros.runtime import require_ros
@@ -40,13 +47,17 @@ TURN: Final = "turn"
 TRIES: Final = 3
 """Of a run in real time; what runs on a simulated clock, or on none, is never repeated."""
 
-_REMEDY: Final = "end other programs on this machine and try again, or choose other seats with --seat"
+_REMEDY: Final = (
+    "end other programs on this machine, and what stops or kills processes of the study, and try again; "
+    "or choose other seats with --seat"
+)
 _LOSSES: Final = (
     None,
     -signal.SIGKILL,
     RosUnavailableError.exit_code,
     NobodyListensError.exit_code,
     RobotLostError.exit_code,
+    RecordingError.exit_code,
     SequenceError.exit_code,
 )
 """How a process ends that may succeed the next time: not in time (None), killed as for want of memory, or by a loss.

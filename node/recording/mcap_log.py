@@ -258,8 +258,7 @@ class McapLog:
                 with contextlib.suppress(OSError):
                     self._stream.close()
             raise RecordingError(
-                f"Writing the log {self._where} failed ({error}), so it ends here: free space or record elsewhere; "
-                "`segway-ecc log repair` restores what was written."
+                f"Writing the log {self._where} failed ({error}), so it ends here: free space or write it elsewhere."
             ) from error
 
 

@@ -260,14 +260,12 @@ def repair_log(source: Salvage, out: Path) -> int:
         raise RecordingError(f"{source.path} cannot be repaired: there is no message in it")
     if out.exists():
         raise RecordingError(f"{out} is there already; choose another with --out")
-    with McapLog(out) as log:
-        try:
-            count = _copy(source, log)
-            log.close()
-        except BaseException:
-            out.unlink(missing_ok=True)  # half a log would be taken for all that is left
-            raise
-    return count
+    try:
+        with McapLog(out) as log:
+            return _copy(source, log)
+    except BaseException:
+        out.unlink(missing_ok=True)  # half a log would be taken for all that is left
+        raise
 
 
 def _copy(source: Salvage, log: McapLog) -> int:

@@ -28,7 +28,13 @@ from segway_ecc.node.config import read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.service import service_of
-from segway_ecc.node.errors import ConfigurationError, ModelFailedError, RobotLostError, SequenceError
+from segway_ecc.node.errors import (
+    ConfigurationError,
+    ModelFailedError,
+    RecordingError,
+    RobotLostError,
+    SequenceError,
+)
 from segway_ecc.node.logs import messages
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.log_quota import MB, LogQuota
@@ -105,6 +111,8 @@ def run(options: argparse.Namespace) -> int:
     _report(options, loop, stage)
     if isinstance(stage, ManoeuvreStage):
         _check_played(stage, loop, cycles)
+    if isinstance(recorder, ProcessRecorder) and recorder.dropped:
+        raise RecordingError(f"the robot ran to its end, and its log lacks at least {recorder.dropped} records of it")
     return 0
 
 

@@ -28,7 +28,7 @@ def ended(code: int | None) -> ProcessFailedError:
     return error
 
 
-@pytest.mark.parametrize("error", [RigError("lost"), SpoiledRunError("lost"), *map(ended, (None, -9, 5, 6, 7, 13))])
+@pytest.mark.parametrize("error", [RigError("lost"), SpoiledRunError("lost"), *map(ended, (None, -9, 5, 6, 7, 9, 13))])
 def test_a_run_is_repeated_until_it_succeeds_under_a_name_of_its_own(error: Exception) -> None:
     repeats, once = Repeats(), Fails(2, error)
 

@@ -78,14 +78,15 @@ def test_a_whole_log_is_left_alone_and_what_is_none_is_refused(segway_ecc: Run, 
     assert none.errors[0].endswith("cannot be repaired: there is no message in it")
 
 
+@pytest.mark.parametrize("at", ["add", "metadata"])
 def test_a_repair_that_fails_leaves_no_file(
-    segway_ecc: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    segway_ecc: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
     def fail(*_: object) -> None:
         raise RecordingError("no space left")
 
     log.write_bytes(log.read_bytes()[:-50])
-    monkeypatch.setattr(McapLog, "add", fail)
+    monkeypatch.setattr(McapLog, at, fail)
     outcome = segway_ecc("log", "repair", str(log))
 
     assert (outcome.code, outcome.errors) == (9, ["segway-ecc: no space left"])

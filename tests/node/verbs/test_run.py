@@ -14,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 
 from segway_ecc.node.config import packaged_robots
+from segway_ecc.node.ring import RingWriter
 from tests.patience import PATIENCE_S
 
 Run = Callable[..., Any]
@@ -147,6 +148,16 @@ def test_log_option_sets_the_path_of_a_log_with_the_robot_file(segway_ecc: Run, 
         found = {one.name: one.data for one in make_reader(stream, validate_crcs=True).iter_attachments()}
     assert set(found) == {"part.json", "layout.json", "robot.json", "robot.yaml", "end.json"}
     assert found["robot.yaml"] == importlib.resources.files("segway_ecc.node").joinpath("robots/cart.yaml").read_bytes()
+
+
+def test_a_run_whose_log_lacks_records_drives_on_and_ends_with_an_error(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RingWriter, "put", lambda *_: False)
+    outcome = segway_ecc("run", "cart", "--no-ros", *SHORT, "--json", "--log", str(tmp_path / "run.mcap"))
+
+    assert (outcome.code, json.loads(outcome.out)["cycles"]) == (9, 2)
+    assert outcome.errors[-1].startswith("segway-ecc: the robot ran to its end, and its log lacks at least ")
 
 
 def test_log_goes_to_the_state_folder_by_default(
