@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
 """A port that is written to beside another program: on a real terminal of the kernel, and with a port of our own."""
 
+import contextlib
 import os
 import termios
+import time
 import tty
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -14,6 +16,7 @@ from segway_ecc.firmware_io.links.link import Frame, LinkState
 from segway_ecc.firmware_io.links.serial_link import SerialLink, open_serial_port
 from segway_ecc.firmware_io.links.serial_writer import SerialWriter, TerminalPort
 from segway_ecc.firmware_io.links.settings import PortSettings
+from tests.patience import PATIENCE_S
 
 MS = 1_000_000
 
@@ -53,6 +56,15 @@ def terminal() -> Iterator[tuple[int, PortSettings]]:
         os.close(each)
 
 
+def collect(read: Callable[[], bytes], count: int) -> bytes:
+    """What arrives, at least so many bytes: the kernel hands them on in its own time, and in pieces."""
+    received, until_s = b"", time.monotonic() + PATIENCE_S
+    while len(received) < count and time.monotonic() < until_s:
+        with contextlib.suppress(BlockingIOError):
+            received += read()
+    return received
+
+
 def test_it_writes_beside_a_program_that_has_the_port_and_takes_nothing_from_it(
     terminal: tuple[int, PortSettings],
 ) -> None:
@@ -64,10 +76,10 @@ def test_it_writes_beside_a_program_that_has_the_port_and_takes_nothing_from_it(
     try:
         os.write(ours, b"feedback\r\n")
         assert guard.receive() == []
-        assert [frame.data for frame in node.receive()] == [b"feedback\r\n"]
+        assert collect(lambda: b"".join(frame.data for frame in node.receive()), 10) == b"feedback\r\n"
         assert node.send(Frame(1, b"node\r\n"))
         assert guard.send(Frame(1, b"guard\r\n"))
-        assert os.read(ours, 100) == b"node\r\nguard\r\n"
+        assert collect(lambda: os.read(ours, 100), 13) == b"node\r\nguard\r\n"
         assert (guard.counters.sent, guard.counters.bits, guard.state) == (1, 70, LinkState.ACTIVE)
         assert guard.health["sent"] == "1"
     finally:
@@ -82,7 +94,7 @@ def test_alone_it_makes_the_port_raw_at_its_rate(terminal: tuple[int, PortSettin
     guard.open()
     try:
         guard.send(Frame(1, b"\n\x04\xff"))
-        assert os.read(ours, 100) == b"\n\x04\xff"
+        assert collect(lambda: os.read(ours, 100), 3) == b"\n\x04\xff"
         modes = termios.tcgetattr(ours)
         assert modes[4:6] == [termios.B115200] * 2
         assert not modes[3] & (termios.ECHO | termios.ICANON)
