@@ -9,6 +9,7 @@ import { attribute, byId, text, visible } from "./dom.js";
 import { Driving } from "./driving.js";
 import { EventLog } from "./events.js";
 import { duration, figure } from "./format.js";
+import { GamepadStop } from "./gamepad.js";
 import { Links, Timing } from "./health.js";
 import { Joystick } from "./joystick.js";
 import { Overview } from "./overview.js";
@@ -40,6 +41,7 @@ const driving = new Driving(connection, {
 });
 new Joystick(driving, () => commands.fail(`Drive: ${whyNoDriving(now())}`));
 const stop = new Stop(commands, now, () => driving.end());
+new GamepadStop(() => stop.pressSelected());
 const login = new LoginForm(() => void start());
 const [plots, sequence, events, announcer] = [new Plots(), new Sequence((why) => commands.fail(why)), new EventLog(), new Announcer()];
 const list = new RobotList(choose);

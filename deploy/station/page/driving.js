@@ -13,6 +13,20 @@ export function isTextField(target) {
   return target.tagName === "INPUT" && !NOT_TYPED_IN.includes(target.type);
 }
 
+/** What Space presses; buttons count also where they are disabled: they show why then. */
+const PRESSED = "button, summary, input[type=checkbox], input[type=file]";
+
+/** Whether Space has a use of its own there: it types, or presses what has the focus. */
+export const takesSpace = (target) => isTextField(target) || (target instanceof Element && target.matches(PRESSED));
+
+/** What a pointer pressed keeps no focus: the next Space, hit in haste, is to stop, and not to press that again. */
+export function blurWhatIsClicked() {
+  addEventListener("click", (event) => {
+    // A keyboard's click, and a screen reader's, has no pointer: there the focus stays.
+    if (event.pointerType && event.target instanceof Element) event.target.closest(PRESSED)?.blur();
+  });
+}
+
 /** Whether an element has a use of its own for the key: a text field for each, the slider for the arrows. */
 const takes = (target, code) => isTextField(target) || (target.type === "range" && code.startsWith("Arrow"));
 

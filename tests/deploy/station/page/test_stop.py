@@ -26,8 +26,13 @@ ANYWHERE = [
     "#logs-link",
     "#stop",
 ]
+SPACE_STOPS = ["body", "#speed", "#logs-link", ".events .scroll"]
 TYPED_IN = ["#sequence-name", "#sequence-text"]
-STOPS = [*((place, "Escape") for place in ANYWHERE), *((place, " ") for place in ANYWHERE if place not in TYPED_IN)]
+PRESSED = ["[data-act=disarm]", "[data-act=arm]", "#robots button", "#change-user"]
+STOPS = [*((place, " ") for place in SPACE_STOPS), *((place, "Escape") for place in ANYWHERE)]
+GAMEPAD = """(state) => { window.pads = [{index: 0, mapping: state.mapping ?? "standard",
+    buttons: state.held.map((pressed) => ({pressed}))}];
+    navigator.getGamepads = () => window.pads; dispatchEvent(new Event("gamepadconnected")); }"""
 
 
 def _acts(station: FakeStation) -> list[Act]:
@@ -44,6 +49,71 @@ def test_one_key_stops_from_anywhere(page: "Page", station: FakeStation, place: 
     station.wait_frames(3)
     assert _acts(station) == [Act.STOP]
     assert station.commands[0].robot == "/alice"
+
+
+@pytest.mark.variants(2)
+@pytest.mark.parametrize("place", PRESSED)
+def test_space_never_stops_from_a_button_that_has_the_focus(page: "Page", station: FakeStation, place: str) -> None:
+    page.evaluate("() => addEventListener('click', (event) => { window.pressed = event.target; }, true)")
+    page.focus(place)
+    page.keyboard.press(" ")
+    page.wait_for_function("place => window.pressed?.closest(place)", arg=place)
+    station.wait_frames(3)
+    assert Act.STOP not in _acts(station)
+
+
+def test_space_presses_the_stop_button_once(page: "Page", station: FakeStation) -> None:
+    page.focus("#stop")
+    page.keyboard.press(" ")
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_space_stops_after_a_button_was_clicked(page: "Page", station: FakeStation) -> None:
+    """The pointer's click is over: what is hit in haste afterwards is not to press that button again."""
+    page.click("[data-act=disarm]")
+    page.keyboard.press(" ")
+    station.wait(lambda: len(station.commands) == 2)
+    assert _acts(station) == [Act.DISARM, Act.STOP]
+
+
+def test_a_gamepads_button_stops_once_for_each_press(page: "Page", station: FakeStation) -> None:
+    page.focus("[data-act=disarm]")
+    page.evaluate(GAMEPAD, {"held": [True, False]})
+    station.wait_frames(3)
+    assert station.commands == [], "A is not the button that stops"
+    page.evaluate("() => { window.pads[0].buttons[1].pressed = true; }")
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP]
+    page.evaluate("() => { window.pads[0].buttons[1].pressed = false; }")
+    station.wait_frames(3)
+    page.evaluate("() => { window.pads[0].buttons[1].pressed = true; }")
+    station.wait(lambda: len(station.commands) == 2)
+    assert _acts(station) == [Act.STOP, Act.STOP]
+
+
+def test_the_press_that_shows_a_gamepad_stops(page: "Page", station: FakeStation) -> None:
+    """Browsers hide a gamepad until one of its buttons is pressed."""
+    page.evaluate(GAMEPAD, {"held": [False, True]})
+    station.wait(lambda: station.commands)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_any_button_of_an_unknown_gamepad_stops(page: "Page", station: FakeStation) -> None:
+    page.evaluate(GAMEPAD, {"mapping": "", "held": [False, False, False, True]})
+    station.wait(lambda: station.commands)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_without_a_robot_a_stop_is_not_passed_over_in_silence(page: "Page", station: FakeStation) -> None:
+    station.robot("/bob", **armed(name="Bob"))
+    del station.script.robots["/alice"]
+    shows(page, "#no-robots", "/alice was not found")
+    page.keyboard.press("Escape")
+    shows(page, "#command-failure", "Stop: no robot is selected, and nothing was stopped")
+    assert station.commands == []
 
 
 @pytest.mark.parametrize("place", TYPED_IN)
