@@ -48,7 +48,7 @@ def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, ac
     press(page, act)
     station.wait(lambda: station.commands)
     assert [(c.robot, c.act) for c in station.commands] == [("/alice", Act(act))]
-    shows(page, "#command-state", "Alice: done")
+    shows(page, "#command-state", "Alice /alice: done")
 
 
 @pytest.mark.variants(3)
@@ -69,7 +69,7 @@ def test_a_command_waits_visibly_and_is_not_sent_twice(page: "Page", station: Fa
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
     there(page, "[data-act=disarm][aria-busy=true]")
-    shows(page, "#command-state", "Disarm Alice: requested")
+    shows(page, "#command-state", "Disarm Alice /alice: requested")
     press(page, "disarm")
     station.wait_frames(3)
     assert len(station.commands) == 1
@@ -80,7 +80,7 @@ def test_refusal_shows_robot_reason(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.ARM] = (False, "tilt: 0.31 rad from upright")
     shows(page, "#mode", "DISARMED")
     press(page, "arm")
-    shows(page, "#command-failure", "Arm Alice failed: tilt: 0.31 rad from upright")
+    shows(page, "#command-failure", "Arm Alice /alice failed: tilt: 0.31 rad from upright")
     assert page.get_attribute("#command-failure", "role") == "alert"
     there(page, "[data-act=arm]:not([aria-busy])")
 
@@ -88,7 +88,7 @@ def test_refusal_shows_robot_reason(page: "Page", station: FakeStation) -> None:
 def test_missing_answer_is_reported(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
-    shows(page, "#command-failure", "Disarm Alice failed: the base station did not answer")
+    shows(page, "#command-failure", "Disarm Alice /alice failed: the base station did not answer")
     there(page, "[data-act=disarm]:not([aria-busy])")
 
 

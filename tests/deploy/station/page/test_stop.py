@@ -8,7 +8,7 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act, Command
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import gone, shows, there
+from tests.deploy.station.page.page_waits import gone, shows, tells, there
 from tests.deploy.station.page.robot_states import armed
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def test_failed_stop_shows_reason(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.STOP] = (False, "no answer within 2 s")
     page.keyboard.press("Escape")
     shows(page, "#stop-state", "Stop failed: no answer within 2 s")
-    shows(page, "#command-failure", "Stop Alice failed: no answer within 2 s")
+    shows(page, "#command-failure", "Stop Alice /alice failed: no answer within 2 s")
     station.robot(stop="confirmed", stop_after_s=3.0, mode="FAULT", drives="off")
     shows(page, "#stop-state", "Stop confirmed after 3000 ms: drives off")
 
@@ -326,6 +326,27 @@ def test_the_key_stops_the_robot_that_is_selected(page: "Page", station: FakeSta
     assert station.commands[0].robot == "/bob"
 
 
+def test_robots_of_one_name_are_told_apart_wherever_they_are_named(page: "Page", station: FakeStation) -> None:
+    """Two carts: STOP, the headline and what became of a command have the namespace too."""
+    station.robot("/alice", name="cart")
+    station.robot("/bob", **armed(name="cart"))
+    shows(page, "#stop", "STOP cart /alice")
+    shows(page, "#robot-name", "cart /alice")
+    page.click("#robots button:has-text('/bob')")
+    shows(page, "#stop", "STOP cart /bob")
+    shows(page, "#robot-name", "cart /bob")
+    page.keyboard.press("Escape")
+    shows(page, "#command-state", "Stop cart /bob: done")
+    station.robot("/bob", mode="FAULT", reason="stopped")
+    tells(page, "#alarm", "cart /bob: FAULT")
+
+
+def test_the_namespace_of_the_root_is_not_shown(page: "Page", station: FakeStation) -> None:
+    station.robot("/", **armed(name="cart"))
+    page.click("#robots button:has-text('cart')")
+    page.wait_for_function("() => document.querySelector('#stop-robot').textContent === 'cart'")
+
+
 def test_viewer_may_stop(page: "Page", station: FakeStation) -> None:
     station.script.hello = msgspec.structs.replace(station.script.hello, role="viewer")
     station.cut()
@@ -356,5 +377,5 @@ def test_a_reply_belongs_to_its_own_command(page: "Page", station: FakeStation) 
     station.wait(lambda: output)
     station.script.answers[Act.DISARM] = (True, "disarmed")
     page.click("[data-act=disarm]")
-    shows(page, "#command-state", "Disarm Alice: disarmed")
+    shows(page, "#command-state", "Disarm Alice /alice: disarmed")
     shows(page, "#stop-state", "Stop requested")

@@ -65,7 +65,7 @@ def test_where_it_is_refused_the_robot_stays_in_its_fault(page: "Page", station:
     station.robot(**FALLEN)
     there(page, "#way-back:not([aria-disabled])")
     press_any(page, "#way-back")
-    shows(page, "#command-failure", "Clear fault Alice failed: the bus is still cut")
+    shows(page, "#command-failure", "Clear fault Alice /alice failed: the bus is still cut")
     assert [command.act for command in station.commands] == [Act.CLEAR_FAULT]
 
 
