@@ -17,6 +17,7 @@ export const LABELS = {
   sit: "Sit down",
   take_control: "Take control",
   release_control: "Release control",
+  dismiss: "Dismiss",
   play: "Play",
   break_off: "Break off",
   stop: "Stop",
@@ -24,10 +25,11 @@ export const LABELS = {
   cancel_stop: "Take back the stop of",
 };
 const BUTTONS = {
-  "command-buttons": ["take_control", "release_control", "arm", "disarm", "clear_fault", "stand", "sit"],
+  "command-buttons": ["take_control", "release_control", "arm", "disarm", "clear_fault", "stand", "sit", "dismiss"],
   "sequence-buttons": ["play", "break_off"],
 };
-const NEEDS_STANDING = ["stand", "sit"];
+/** Those that only some robots have: by act, whether this one does. */
+const HAS = { stand: (robot) => robot.can_stand, sit: (robot) => robot.can_stand, dismiss: (robot) => !robot.is_alive };
 
 /** Sends commands and follows them to their replies. */
 export class Commands {
@@ -85,7 +87,7 @@ export class Commands {
     visible(byId("commands-reason"), why !== "");
     for (const { act, button } of this._buttons) {
       const isWaiting = this._isWaiting(act, now.robot);
-      visible(button, !NEEDS_STANDING.includes(act) || now.robot.can_stand);
+      visible(button, HAS[act]?.(now.robot) ?? true);
       attribute(button, "aria-disabled", isWaiting || whyNot(act, now) ? "true" : null);
       attribute(button, "aria-busy", isWaiting ? "true" : null);
       attribute(button, "title", whyNot(act, now) || null);

@@ -10,6 +10,7 @@ import pytest
 from segway_ecc.deploy.station.views import Act, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
 from tests.deploy.station.page.page_waits import gone, press, shows, there
+from tests.deploy.station.page.robot_states import armed, lost
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -105,6 +106,37 @@ def test_stand_and_sit_are_there_where_a_robot_can(page: "Page", station: FakeSt
     station.robot(can_stand=False)
     gone(page, "[data-act=stand]")
     gone(page, "[data-act=sit]")
+
+
+def test_a_lost_robot_can_be_dismissed(page: "Page", station: FakeStation) -> None:
+    station.robot("/bob", **armed(name="Bob"))
+    shows(page, "#robots", "Bob")
+    gone(page, "[data-act=dismiss]")
+    station.robot(**lost())
+    there(page, "[data-act=dismiss]:not([aria-disabled])")
+    station.script.react = lambda asked: station.script.robots.pop(asked.robot)
+    press(page, "dismiss")
+    station.wait(lambda: station.commands)
+    assert [(c.robot, c.act) for c in station.commands] == [("/alice", Act.DISMISS)]
+    shows(page, "#command-state", "Dismiss Alice /alice: done")
+    shows(page, "#summary", "1 robot")
+    shows(page, "#no-robots", "/alice was not found. Choose a robot.")
+
+
+NOT_DISMISSED: dict[str, dict[str, object]] = {
+    "bert has control; take it first": {"controller": "bert"},
+    "Clear the stop first": {"stop": "requested", "stop_kept": True},
+}
+
+
+@pytest.mark.parametrize("why", NOT_DISMISSED)
+def test_why_a_lost_robot_cannot_be_dismissed(page: "Page", station: FakeStation, why: str) -> None:
+    station.robot(**{**lost(), **NOT_DISMISSED[why]})
+    there(page, "[data-act=dismiss][aria-disabled=true]")
+    press(page, "dismiss")
+    shows(page, "#command-failure", f"Dismiss: {why}")
+    station.wait_frames(2)
+    assert station.commands == []
 
 
 def test_a_viewer_sees_everything_and_commands_nothing_but_a_stop(page: "Page", station: FakeStation) -> None:

@@ -24,7 +24,7 @@ STEPS: dict[str, tuple[dict[str, object], str]] = {
     "checks": ({"mode": "DISARMED", "checklist": CHECKS}, "2 pre-arm checks fail: see below."),
     "hold": ({"mode": "HOLD"}, "It holds its place until it is driven."),
     "fault": (FALLEN, "When the cause is gone, press Clear and stand up."),
-    "lost": (lost(), "Nothing arrives from it: look at its power and its network."),
+    "lost": (lost(), "Nothing arrives from it: look at its power and its network, or dismiss it."),
 }
 
 
