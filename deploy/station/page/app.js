@@ -12,6 +12,7 @@ import { duration, figure } from "./format.js";
 import { GamepadStop } from "./gamepad.js";
 import { Links, Timing } from "./health.js";
 import { Joystick } from "./joystick.js";
+import { Keyboard } from "./keyboard.js";
 import { Overview } from "./overview.js";
 import { whyNoDriving } from "./permissions.js";
 import { Plots } from "./plots.js";
@@ -46,9 +47,10 @@ const login = new LoginForm(() => void start());
 const [plots, sequence, events, announcer] = [new Plots(), new Sequence((why) => commands.fail(why)), new EventLog(), new Announcer()];
 const list = new RobotList(choose);
 const scene = new Scene(now);
+const trials = new Trials(commands, now);
 const panels = [
-  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, new Trials(commands, now),
-  new WayBack(commands, now),
+  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, trials,
+  new WayBack(commands, now), new Keyboard(now, commands, trials, () => driving.end()),
 ];
 
 /** What is known now; every panel draws from it. */

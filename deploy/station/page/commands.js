@@ -2,6 +2,7 @@
 // Commands: each waits for its reply where it can be seen, and a failure gives its reason.
 
 import { attribute, byId, make, text, visible } from "./dom.js";
+import { marksOf } from "./keys.js";
 import { whyNoCommand, whyNot } from "./permissions.js";
 import { titleOf } from "./robots.js";
 
@@ -87,11 +88,16 @@ export class Commands {
     visible(byId("commands-reason"), why !== "");
     for (const { act, button } of this._buttons) {
       const isWaiting = this._isWaiting(act, now.robot);
-      visible(button, HAS[act]?.(now.robot) ?? true);
+      visible(button, this.has(act, now));
       attribute(button, "aria-disabled", isWaiting || whyNot(act, now) ? "true" : null);
       attribute(button, "aria-busy", isWaiting ? "true" : null);
       attribute(button, "title", whyNot(act, now) || null);
     }
+  }
+
+  /** Whether there is a button for this now. */
+  has(act, { robot }) {
+    return this._buttons.some((button) => button.act === act) && (HAS[act]?.(robot) ?? true);
   }
 
   _isWaiting(act, robot) {
@@ -102,13 +108,14 @@ export class Commands {
     const button = make("button", act === "arm" || act === "play" ? "primary" : "", LABELS[act]);
     button.type = "button";
     attribute(button, "data-act", act);
-    button.addEventListener("click", () => this._press(act));
+    attribute(button, "aria-keyshortcuts", marksOf(act).join(" ") || null);
+    button.addEventListener("click", () => this.press(act));
     byId(place).append(button);
     return { act, button };
   }
 
-  /** A button that is disabled keeps the focus and shows why. */
-  _press(act) {
+  /** Do what a button does; one that is disabled keeps the focus and shows why. */
+  press(act) {
     const now = this._now();
     const why = whyNot(act, now);
     if (why) return this.fail(`${LABELS[act]}: ${why}`);

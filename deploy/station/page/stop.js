@@ -10,6 +10,7 @@
 import { attribute, byId, text, visible } from "./dom.js";
 import { blurWhatIsClicked, takesSpace } from "./driving.js";
 import { duration, milliseconds } from "./format.js";
+import { actOf, marksOf, nameOf } from "./keys.js";
 import { titleOf } from "./robots.js";
 
 /** A stop that the station does not report is sent again after this time, ms. */
@@ -122,6 +123,7 @@ export class Stop {
   }
 
   _listen() {
+    text(byId("stop-keys"), `${marksOf("stop").join(", ")} or gamepad B`);
     const pressSelected = () => this.pressSelected();
     // At once on touch, not when the finger leaves; a click without a pointer before it comes from a keyboard.
     onPress(byId("stop"), pressSelected);
@@ -142,7 +144,7 @@ export class Stop {
 
 function isStopKey(event) {
   if (byId("station").hidden) return false;
-  return event.key === "Escape" || (event.key === " " && !takesSpace(event.target));
+  return actOf(event) === "stop" && !(nameOf(event) === "Space" && takesSpace(event.target));
 }
 
 function onPress(button, act) {
