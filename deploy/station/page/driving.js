@@ -25,7 +25,12 @@ export const takesSpace = (target) => isTextField(target) || (target instanceof 
 export function blurWhatIsClicked() {
   addEventListener("click", (event) => {
     // A keyboard's click, and a screen reader's, has no pointer: there the focus stays.
-    if (event.pointerType && event.target instanceof Element) event.target.closest(PRESSED)?.blur();
+    if (!event.pointerType || !(event.target instanceof Element)) return;
+    const clicked = event.target.closest(`${PRESSED}, label`);
+    const pressed = clicked?.control ?? clicked;
+    if (!pressed?.matches(PRESSED)) return;
+    pressed.blur();
+    if (pressed !== clicked) setTimeout(() => pressed.blur()); // a label hands the focus on after its click
   });
 }
 

@@ -144,19 +144,14 @@ export class Stop {
 
 function isStopKey(event) {
   if (byId("station").hidden) return false;
-  return actOf(event) === "stop" && !(nameOf(event) === "Space" && takesSpace(event.target));
+  if (actOf(event) !== "stop") return false;
+  // On STOP itself Space acts when it is pressed, and not when it is let go, as on any other button.
+  return nameOf(event) !== "Space" || !takesSpace(event.target) || event.target === byId("stop");
 }
 
 function onPress(button, act) {
-  let wasPointer = false;
-  button.addEventListener("pointerdown", () => {
-    wasPointer = true;
-    act();
-  });
-  button.addEventListener("click", () => {
-    if (!wasPointer) act();
-    wasPointer = false;
-  });
+  button.addEventListener("pointerdown", act);
+  button.addEventListener("click", (event) => event.pointerType || act());
 }
 
 function confirmed(robot) {

@@ -142,6 +142,15 @@ def test_letters_can_be_switched_off_and_esc_and_arrows_not(page: "Page", statio
     assert [command.act for command in station.commands] == [Act.STOP]
 
 
+def test_the_switch_keeps_no_focus_that_a_pointer_gave_it(page: "Page", station: FakeStation) -> None:
+    page.click(".switch", position={"x": 90, "y": 20})
+    page.wait_for_function("() => !document.querySelector('#letter-keys').checked")
+    page.wait_for_function("() => document.activeElement === document.body")
+    page.keyboard.press(" ")
+    station.wait(lambda: station.commands)
+    assert [command.act for command in station.commands] == [Act.STOP]
+
+
 @pytest.mark.parametrize(
     ("key", "code", "name"),
     [

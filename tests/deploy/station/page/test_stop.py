@@ -70,6 +70,19 @@ def test_space_presses_the_stop_button_once(page: "Page", station: FakeStation) 
     assert _acts(station) == [Act.STOP]
 
 
+@pytest.mark.parametrize("key", ["Enter", " ", "Escape"])
+def test_the_keyboard_presses_stop_after_a_pointer_slipped_off_it(page: "Page", station: FakeStation, key: str) -> None:
+    page.hover("#stop")
+    page.mouse.down()
+    page.mouse.move(5, 5)
+    page.mouse.up()
+    station.wait(lambda: station.commands)
+    page.focus("#stop")
+    page.keyboard.press(key)
+    station.wait(lambda: len(station.commands) == 2)
+    assert _acts(station) == [Act.STOP, Act.STOP]
+
+
 def test_space_stops_after_a_button_was_clicked(page: "Page", station: FakeStation) -> None:
     """The pointer's click is over: what is hit in haste afterwards is not to press that button again."""
     page.click("[data-act=disarm]")
