@@ -24,6 +24,8 @@ class Act(enum.StrEnum):
     TAKE_CONTROL = "take_control"
     """Become the one who commands, in place of whoever does."""
     RELEASE_CONTROL = "release_control"
+    DISMISS = "dismiss"
+    """Forget a robot that is lost; it is found again as soon as it is heard."""
     PLAY = "play"
     """Play a sequence, whose text is the command's `text`."""
     BREAK_OFF = "break_off"
@@ -109,7 +111,7 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="fleet"):
-    """Every robot that was found since the station began, or that is to be stopped when it is; by namespace.
+    """Every robot that was found and not dismissed since the station began, or that is to be stopped; by namespace.
 
     `time_s` is the station's monotonic clock, s: a picture whose time does not advance is stale.
     """

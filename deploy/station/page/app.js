@@ -9,8 +9,10 @@ import { attribute, byId, text, visible } from "./dom.js";
 import { Driving } from "./driving.js";
 import { EventLog } from "./events.js";
 import { duration, figure } from "./format.js";
+import { GamepadStop } from "./gamepad.js";
 import { Links, Timing } from "./health.js";
 import { Joystick } from "./joystick.js";
+import { Keyboard } from "./keyboard.js";
 import { Overview } from "./overview.js";
 import { whyNoDriving } from "./permissions.js";
 import { Plots } from "./plots.js";
@@ -40,13 +42,15 @@ const driving = new Driving(connection, {
 });
 new Joystick(driving, () => commands.fail(`Drive: ${whyNoDriving(now())}`));
 const stop = new Stop(commands, now, () => driving.end());
+new GamepadStop(() => stop.pressSelected());
 const login = new LoginForm(() => void start());
 const [plots, sequence, events, announcer] = [new Plots(), new Sequence((why) => commands.fail(why)), new EventLog(), new Announcer()];
 const list = new RobotList(choose);
 const scene = new Scene(now);
+const trials = new Trials(commands, now);
 const panels = [
-  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, new Trials(commands, now),
-  new WayBack(commands, now),
+  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, trials,
+  new WayBack(commands, now), new Keyboard(now, commands, trials, () => driving.end()),
 ];
 
 /** What is known now; every panel draws from it. */

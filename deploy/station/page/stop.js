@@ -4,12 +4,13 @@
 // A stop is kept here, however long the station is away, until the station reports that it has it on its disk or that it
 // is confirmed. Then the station keeps it. It is taken back by hand only.
 //
-// Both Esc and Space stop. Esc works everywhere, in a text field too. Space works everywhere but in a text field, where it
-// types; it presses no button, as the focus may be on `Arm` when it is hit in haste: buttons are pressed with Enter.
+// Esc, Space and a gamepad's button stop. Esc works everywhere, in a text field too. Space does not where it has a use of its
+// own: it types in a text field and presses the button that has the focus, which a click does not give to any.
 
 import { attribute, byId, text, visible } from "./dom.js";
-import { isTextField } from "./driving.js";
+import { blurWhatIsClicked, takesSpace } from "./driving.js";
 import { duration, milliseconds } from "./format.js";
+import { actOf, marksOf, nameOf } from "./keys.js";
 import { titleOf } from "./robots.js";
 
 /** A stop that the station does not report is sent again after this time, ms. */
@@ -38,6 +39,13 @@ export class Stop {
       this._latches.set(robot.robot, newLatch());
       this._send(robot);
     }
+  }
+
+  /** Stop the robot that is selected, as the key does. */
+  pressSelected() {
+    const { robot } = this._now();
+    if (robot) this.press([robot]);
+    else this._commands.fail("Stop: no robot is selected, and nothing was stopped");
   }
 
   /** The socket is there again: send what the station does not keep. */
@@ -115,38 +123,35 @@ export class Stop {
   }
 
   _listen() {
-    const pressSelected = () => this.press(this._now().robot ? [this._now().robot] : []);
+    text(byId("stop-keys"), `${marksOf("stop").join(", ")} or gamepad B`);
+    const pressSelected = () => this.pressSelected();
     // At once on touch, not when the finger leaves; a click without a pointer before it comes from a keyboard.
     onPress(byId("stop"), pressSelected);
     onPress(byId("stop-all"), () => this.press(this._now().robots));
     byId("stop-clear").addEventListener("click", () => this._clear());
-    addEventListener("keydown", (event) => this._key(event, pressSelected), { capture: true });
+    addEventListener("keydown", (event) => this._key(event), { capture: true });
     addEventListener("keyup", (event) => isStopKey(event) && event.preventDefault(), { capture: true });
+    blurWhatIsClicked();
   }
 
-  _key(event, pressSelected) {
+  _key(event) {
     if (!isStopKey(event)) return;
     event.preventDefault();
     event.stopPropagation();
-    if (!event.repeat) pressSelected();
+    if (!event.repeat) this.pressSelected();
   }
 }
 
 function isStopKey(event) {
   if (byId("station").hidden) return false;
-  return event.key === "Escape" || (event.key === " " && !isTextField(event.target));
+  if (actOf(event) !== "stop") return false;
+  // On STOP itself Space acts when it is pressed, and not when it is let go, as on any other button.
+  return nameOf(event) !== "Space" || !takesSpace(event.target) || event.target === byId("stop");
 }
 
 function onPress(button, act) {
-  let wasPointer = false;
-  button.addEventListener("pointerdown", () => {
-    wasPointer = true;
-    act();
-  });
-  button.addEventListener("click", () => {
-    if (!wasPointer) act();
-    wasPointer = false;
-  });
+  button.addEventListener("pointerdown", act);
+  button.addEventListener("click", (event) => event.pointerType || act());
 }
 
 function confirmed(robot) {

@@ -34,6 +34,8 @@ _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
+_ONLY_TLS: Final = "max-age=31536000"
+"""A browser that was here once speaks TLS only for a year (RFC 6797): nobody in between can have it speak without."""
 _WITH_FORMS: Final = ("/logs", "/robots/")
 _Handler: TypeAlias = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _logger = logging.getLogger(__name__)
@@ -201,6 +203,8 @@ def _log_once(refusals: Counter[Cause], error: Exception) -> None:
 async def _prepare(request: web.Request, response: web.StreamResponse) -> None:
     """Set the headers of every response."""
     response.headers.update(_HEADERS)
+    if request.secure:
+        response.headers["Strict-Transport-Security"] = _ONLY_TLS
     if request.path.startswith(_WITH_FORMS):
         # Without a referrer browsers send a form with the origin `null`, which could be anybody's (Fetch, "origin").
         response.headers["Referrer-Policy"] = "same-origin"

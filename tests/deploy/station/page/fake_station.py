@@ -53,7 +53,7 @@ class Script:
     hello: HelloView = HELLO
     events: list[EventView] = dataclasses.field(default_factory=list)
     answers: dict[Act, Answer] = dataclasses.field(default_factory=dict)
-    react: Callable[[Command], None] = lambda _: None
+    react: Callable[[Command], object] = lambda _: None
 
 
 class FakeStation:

@@ -88,7 +88,7 @@ def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", stati
     shows(page, "#plots-state", "stopped")
     assert page.get_attribute("#plots", "data-live") == "false"
     shows(page, "#summary", "2 robots \u00b7 1 lost")
-    tells(page, "#alarm", "Alice: LOST")
+    tells(page, "#alarm", "Alice /alice: LOST")
 
 
 def test_plots_of_a_lost_robot_stand_still_and_are_grey(page: "Page", station: FakeStation) -> None:
@@ -192,7 +192,7 @@ def test_the_selection_never_moves_by_itself(page: "Page", station: FakeStation)
     station.robot("/aaron", **armed(name="Aaron"))
     shows(page, "#summary", "2 robots")
     station.wait_frames(3)
-    assert page.inner_text("#robot-name") == "Alice"
+    assert page.inner_text("#robot-name") == "Alice /alice"
     del station.script.robots["/alice"]
     shows(page, "#no-robots", "/alice was not found. Choose a robot.")
     gone(page, "#robot")
@@ -201,9 +201,9 @@ def test_the_selection_never_moves_by_itself(page: "Page", station: FakeStation)
 
 def test_screen_reader_announces_modes_and_not_numbers(page: "Page", station: FakeStation) -> None:
     station.robot(mode="HOLD", reason="set-points fell silent")
-    tells(page, "#announcer", "Alice: HOLD, set-points fell silent")
+    tells(page, "#announcer", "Alice /alice: HOLD, set-points fell silent")
     station.robot(mode="FAULT", reason="tilt")
-    tells(page, "#alarm", "Alice: FAULT, tilt")
+    tells(page, "#alarm", "Alice /alice: FAULT, tilt")
     live = page.locator("[aria-live]:not([aria-live=off]), [role=status], [role=alert]")
     assert live.locator(".readouts, table, .plots, #stale-age").count() == 0
 
