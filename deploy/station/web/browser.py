@@ -5,12 +5,12 @@ import asyncio
 import contextlib
 import math
 from collections import deque
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView
+from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView, Seen, SeenView
 from segway_ecc.deploy.station.web.access import Role, Session
 from segway_ecc.deploy.station.web.audit import AuditEntry
 from segway_ecc.deploy.station.web.limits import Bucket
@@ -18,6 +18,10 @@ from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 _MOST_WAITING: Final = 1000
 _STUCK_NS: Final = 10_000_000_000
+_MOST_UNSEEN: Final = 2
+"""Pictures on the way to a browser: what is sent at once only waits in the buffers of a slow link, and grows old."""
+_QUICK_NS: Final = 300_000_000
+"""From a picture to the browser's word that it has it; where it takes longer, one is on the way at a time."""
 _MISTAKES: Final = frozenset(
     {Cause.MALFORMED, Cause.OVERSIZED, Cause.OUT_OF_RANGE, Cause.REPLAYED_COMMAND, Cause.MESSAGE_RATE}
 )
@@ -29,11 +33,23 @@ _LONGEST_NAME: Final = 80
 _LONGEST_ROBOT: Final = 256
 _LARGEST_ID: Final = 2**53 - 1
 """A browser's numbers are exact up to here (ECMA-262, Number.MAX_SAFE_INTEGER)."""
-_decoder: Final[msgspec.json.Decoder[Command | Drive]] = msgspec.json.Decoder(Command | Drive)
+_decoder: Final[msgspec.json.Decoder[Command | Drive | Seen]] = msgspec.json.Decoder(Command | Drive | Seen)
+
+
+class Picture(NamedTuple):
+    """A picture as it is sent; `time_s` as in `FleetView`."""
+
+    time_s: float
+    encoded: bytes
+
+
+class _Unseen(NamedTuple):
+    time_s: float
+    sent_ns: int
 
 
 class Browser:
-    """Sends the newest picture, never an old one, and all events and replies in their order."""
+    """Sends the newest picture as soon as the browser has those before, and all events and replies in their order."""
 
     def __init__(
         self,
@@ -51,7 +67,9 @@ class Browser:
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[bytes] = deque()
-        self._picture: bytes | None = None
+        self._picture: Picture | None = None
+        self._unseen: deque[_Unseen] = deque()
+        self._took_ns: int | None = None
         self._wake = asyncio.Event()
         self._sending_since_ns: int | None = None
         now_ns = shared.clock_ns()
@@ -61,8 +79,8 @@ class Browser:
         self._driven = ""
         self._ending: tuple[int, str] | None = None
 
-    def show(self, picture: bytes) -> None:
-        """Send a picture, in place of one that was not yet sent."""
+    def show(self, picture: Picture) -> None:
+        """Send a picture as soon as there is room, in place of one that was not yet sent."""
         self._picture = picture
         self._wake.set()
 
@@ -81,8 +99,9 @@ class Browser:
         self._wake.set()
 
     def is_stuck(self, now_ns: int) -> bool:
-        """Whether a message could not be sent for so long that the browser counts as gone."""
-        return self._sending_since_ns is not None and now_ns - self._sending_since_ns > _STUCK_NS
+        """Whether a message was not sent, or a picture not seen, for so long that the browser counts as gone."""
+        since_ns = self._unseen[0].sent_ns if self._unseen else self._sending_since_ns
+        return since_ns is not None and now_ns - since_ns > _STUCK_NS
 
     def abort(self, cause: Cause) -> None:
         """Abort the connection of a browser that is gone."""
@@ -96,11 +115,7 @@ class Browser:
             while self._ending is None:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._ending is None and (self._waiting or self._picture is not None):
-                    if self._waiting:
-                        message = self._waiting.popleft()
-                    else:
-                        message, self._picture = self._picture or b"", None
+                while self._ending is None and (message := self._next()) is not None:
                     self._sending_since_ns = self._shared.clock_ns()
                     await self._socket.send_frame(message, WSMsgType.TEXT)
                     self._sending_since_ns = None
@@ -112,6 +127,9 @@ class Browser:
         now_ns = self._shared.clock_ns()
         try:
             decoded = self._decode(message, now_ns)
+            if isinstance(decoded, Seen):
+                self._on_seen(decoded, now_ns)
+                return
             self._check(decoded, now_ns)
         except RefusedMessageError as refusal:
             self._shared.refusals[refusal.cause] += 1
@@ -129,7 +147,31 @@ class Browser:
         if self._driven:
             self._drive(Drive(id=self._last_id + 1, robot=self._driven, linear=0.0, angular=0.0))
 
-    def _decode(self, message: str | bytes, now_ns: int) -> Command | Drive:
+    def _next(self) -> bytes | None:
+        """What is sent next; a picture only where there is room for one."""
+        if self._waiting:
+            return self._waiting.popleft()
+        picture = self._picture
+        if picture is None or not self._has_room():
+            return None
+        self._picture = None
+        self._unseen.append(_Unseen(picture.time_s, self._shared.clock_ns()))
+        return picture.encoded
+
+    def _has_room(self) -> bool:
+        is_quick = self._took_ns is not None and self._took_ns <= _QUICK_NS
+        return len(self._unseen) < (_MOST_UNSEEN if is_quick else 1)
+
+    def _on_seen(self, seen: Seen, now_ns: int) -> None:
+        """Make room for the next picture, and tell when this arrived, where it says something new."""
+        arrived = [unseen for unseen in self._unseen if unseen.time_s <= seen.time_s]
+        for unseen in arrived:
+            self._unseen.remove(unseen)
+            self._took_ns = now_ns - unseen.sent_ns
+        if arrived:
+            self.queue(msgspec.json.encode(SeenView(time_s=arrived[-1].time_s, at_s=now_ns * 1e-9)))
+
+    def _decode(self, message: str | bytes, now_ns: int) -> Command | Drive | Seen:
         if isinstance(message, bytes):
             raise RefusedMessageError(Cause.MALFORMED, "a message is text")
         if not self._messages.take_token(now_ns):
@@ -206,8 +248,8 @@ class RefusedMessageError(Exception):
         self.number = number
 
 
-def decode(message: str, max_linear: float, max_angular: float) -> Command | Drive:
-    """A command or a set-point within the limits, m/s and rad/s.
+def decode(message: str, max_linear: float, max_angular: float) -> Command | Drive | Seen:
+    """A command, a set-point within the limits, m/s and rad/s, or the word that a picture was seen.
 
     Raises:
         RefusedMessageError: It is anything else.
@@ -219,6 +261,8 @@ def decode(message: str, max_linear: float, max_angular: float) -> Command | Dri
         decoded = _decoder.decode(content)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise RefusedMessageError(Cause.MALFORMED, f"not a message: {str(error)[:200]}") from None
+    if isinstance(decoded, Seen):
+        return decoded
     if not 0 < decoded.id <= _LARGEST_ID:
         raise RefusedMessageError(Cause.OUT_OF_RANGE, "an id counts up from 1")
     _check_text("a robot's namespace", decoded.robot, _LONGEST_ROBOT, decoded.id)

@@ -12,7 +12,7 @@ from aiohttp import WSCloseCode
 
 from segway_ecc.deploy.station.views import FleetView, HelloView
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.browser import Browser, Picture
 from segway_ecc.deploy.station.web.limits import site_of
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
@@ -33,8 +33,8 @@ class WebSocketHub:
         self._version = version
         self._browsers: set[Browser] = set()
         self._by_site: Counter[str] = Counter()
-        self._picture: FleetView | None = None
-        self._encoded = b""
+        self._view: FleetView | None = None
+        self._picture: Picture | None = None
         self._changed_ns = shared.clock_ns()
         self._event = 0
         self.is_empty = asyncio.Event()
@@ -76,8 +76,8 @@ class WebSocketHub:
         for event in self._robots.events(max(self._event - _OLD_EVENTS, 0)):
             if event.number <= self._event:
                 browser.queue(msgspec.json.encode(event))
-        if self._encoded:
-            browser.show(self._encoded)
+        if self._picture is not None:
+            browser.show(self._picture)
 
     def remove(self, browser: Browser) -> None:
         """Remove a browser that is gone; with the last of an operator's, so are they."""
@@ -118,14 +118,14 @@ class WebSocketHub:
             encoded = msgspec.json.encode(event)
             for browser in self._browsers:
                 browser.queue(encoded)
-        picture = self._robots.fleet()
-        if picture is self._picture:
+        view = self._robots.fleet()
+        if view is self._view:
             return
-        self._picture = picture
+        self._view = view
         self._changed_ns = self._clock_ns()
-        self._encoded = msgspec.json.encode(picture)
+        self._picture = Picture(view.time_s, msgspec.json.encode(view))
         for browser in self._browsers:
-            browser.show(self._encoded)
+            browser.show(self._picture)
 
     def _sweep(self) -> None:
         now_ns = self._clock_ns()

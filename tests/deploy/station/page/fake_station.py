@@ -12,7 +12,18 @@ from typing import Any, Final, TypeVar
 import msgspec
 from aiohttp import WSMsgType, web
 
-from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView, HelloView, ReplyView, RobotView
+from segway_ecc.deploy.station.views import (
+    Act,
+    Command,
+    Drive,
+    EventView,
+    FleetView,
+    HelloView,
+    ReplyView,
+    RobotView,
+    Seen,
+    SeenView,
+)
 
 PAGE: Final = Path(__file__).parents[4] / "deploy" / "station" / "page"
 CSP: Final = "default-src 'self'"
@@ -37,6 +48,7 @@ class Script:
         robots: What is reported, by namespace.
         sends: Whether pictures are sent at all.
         ticks: Whether their time goes on.
+        late_s: How long they were on the way, s.
         accepts: Whether a socket is taken.
         token: What /login wants; empty for none.
         hello: Said first on each socket.
@@ -48,6 +60,7 @@ class Script:
     robots: dict[str, RobotView] = dataclasses.field(default_factory=dict)
     sends: bool = True
     ticks: bool = True
+    late_s: float = 0.0
     accepts: bool = True
     token: str = ""
     hello: HelloView = HELLO
@@ -66,11 +79,14 @@ class FakeStation:
         self.drives: list[Drive] = []
         self.refused: list[str] = []
         self.ids: list[int] = []
+        self.sent: list[float] = []
+        self.seen: list[float] = []
         self.logins: list[dict[str, str]] = []
         self.fetched: list[str] = []
         self.sockets = 0
         self.frames = 0
         self._time_s = 1000.0
+        self._ticked_s = time.monotonic()
         self._open: set[web.WebSocketResponse] = set()
         self._sessions: set[str] = set()
         self._loop = asyncio.new_event_loop()
@@ -161,12 +177,20 @@ class FakeStation:
         for socket in list(self._open):
             await socket.close()
 
+    def _now_s(self) -> float:
+        """The station's clock, s; it stands where nothing ticks."""
+        now_s = time.monotonic()
+        self._time_s += now_s - self._ticked_s if self.script.ticks else 0.0
+        self._ticked_s = now_s
+        return self._time_s
+
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(_FRAME_S)
-            self._time_s += _FRAME_S if self.script.ticks else 0.0
+            made_s = self._now_s() - self.script.late_s
             if self.script.sends:
-                await self._send(FleetView(time_s=self._time_s, robots=list(self.script.robots.values())))
+                self.sent.append(made_s)
+                await self._send(FleetView(time_s=made_s, robots=list(self.script.robots.values())))
             self.frames += 1
 
     async def _send(self, view: msgspec.Struct) -> None:
@@ -224,9 +248,13 @@ class FakeStation:
 
     async def _take(self, socket: web.WebSocketResponse, data: str) -> None:
         try:
-            asked = msgspec.json.decode(data, type=Command | Drive)
+            asked = msgspec.json.decode(data, type=Command | Drive | Seen)
         except msgspec.DecodeError as error:
             self.refused.append(f"{error}: {data}")
+            return
+        if isinstance(asked, Seen):
+            self.seen.append(asked.time_s)
+            await socket.send_str(msgspec.json.encode(SeenView(time_s=asked.time_s, at_s=self._now_s())).decode())
             return
         self.ids.append(asked.id)
         if isinstance(asked, Drive):

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""What is seen at the far end of a slow link, and when: server and sockets are real, time is simulated."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import aiohttp
+import msgspec
+import pytest
+
+from tests.deploy.station.web.scripted_station import ScriptedStation, full_robot
+from tests.deploy.station.web.serving import receive, served
+from tests.deploy.station.web.simulated_time import run_simulated
+from tests.deploy.station.web.slow_link import LinkQuality, slow_link
+
+LAN: Final = LinkQuality(bytes_per_s=10e6, latency_s=0.001)
+FAR: Final = LinkQuality(bytes_per_s=40e3, latency_s=0.1)
+GAPPY: Final = FAR._replace(gap_s=2.0)
+WATCHED_S: Final = 30.0
+"""Long enough for a queue on the way to grow to many seconds, where there is one."""
+TRIED: Final = 20
+"""At so many moments, of other phases to the pictures, a robot goes into FAULT."""
+
+
+class Sight(NamedTuple):
+    """What the far end saw.
+
+    Attributes:
+        pictures_per_s: How many came, 1/s.
+        ages_s: How old each was when it arrived, s.
+        faults_s: How long after each FAULT it was seen, s.
+    """
+
+    pictures_per_s: float
+    ages_s: Sequence[float]
+    faults_s: Sequence[float]
+
+
+@contextlib.asynccontextmanager
+async def _far_end(
+    folder: Path, quality: LinkQuality, count: int
+) -> AsyncIterator[tuple[ScriptedStation, aiohttp.ClientWebSocketResponse]]:
+    """A station of some robots, and a viewer's socket to it through a link."""
+    loop = asyncio.get_running_loop()
+    station = ScriptedStation([full_robot(f"/robot{number}") for number in range(count)], loop.time)
+    async with (
+        served(folder, station=station, clock_ns=lambda: round(loop.time() * 1e9)) as here,
+        slow_link(quality, here.port) as port,
+        aiohttp.ClientSession(headers={"Host": f"127.0.0.1:{here.port}", "Origin": here.url}) as client,
+        client.ws_connect(f"http://127.0.0.1:{port}/socket", max_msg_size=0) as socket,
+    ):
+        yield station, socket
+
+
+def _set_mode(station: ScriptedStation, mode: str) -> None:
+    station.robots = [msgspec.structs.replace(station.robots[0], mode=mode), *station.robots[1:]]
+
+
+async def _watch(folder: Path, quality: LinkQuality, count: int) -> Sight:
+    loop = asyncio.get_running_loop()
+    ages, faults = [], []
+    async with _far_end(folder, quality, count) as (station, socket):
+        fault_s, next_s = None, WATCHED_S
+        while len(faults) < TRIED:
+            picture = await receive(socket, "fleet")
+            ages.append(loop.time() - picture["time_s"])
+            is_fault = picture["robots"][0]["mode"] == "FAULT"
+            if is_fault and fault_s is not None:
+                faults.append(loop.time() - fault_s)
+                fault_s, next_s = None, loop.time() + 1.0 + 0.037 * len(faults)
+                _set_mode(station, "ARMED")
+            elif not is_fault and fault_s is None and loop.time() > next_s:
+                await asyncio.sleep(0.013 * len(faults))
+                fault_s = loop.time()
+                _set_mode(station, "FAULT")
+        return Sight(len(ages) / loop.time(), ages, faults)
+
+
+def _sight(folder: Path, quality: LinkQuality, count: int) -> Sight:
+    return run_simulated(_watch(folder, quality, count))
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_fault_is_seen_within_a_second_at_40_kb_per_s_and_100_ms(tmp_path: Path, count: int) -> None:
+    sight = _sight(tmp_path, FAR, count)
+    assert max(sight.faults_s) <= 1.0
+    assert max(sight.ages_s) <= 0.5, "fewer pictures, not older ones"
+    assert sight.pictures_per_s >= 2.0
+
+
+def test_a_quick_link_gets_every_picture(tmp_path: Path) -> None:
+    sight = _sight(tmp_path, LAN, 5)
+    assert sight.pictures_per_s >= 19.0
+    assert max(sight.faults_s) <= 0.1
+
+
+def test_after_a_gap_the_newest_comes_next(tmp_path: Path) -> None:
+    """What was on the way is as old as the gap is long; nothing else is."""
+    sight = _sight(tmp_path, GAPPY, 5)
+    assert max(sight.faults_s) <= GAPPY.gap_s + 1.0
+    late = [index for index, age_s in enumerate(sight.ages_s) if age_s > 0.5]
+    assert late, "some were in a gap"
+    assert max(sight.ages_s) <= GAPPY.gap_s + 0.5
+    runs = sum(1 for index in late if index - 1 not in late)
+    assert len(late) <= 2 * runs, "no more than were on the way"
