@@ -2,7 +2,7 @@
 // How old what is shown is: in the head of the page, and across it where that is too old to act on.
 
 import { attribute, byId, text, visible } from "./dom.js";
-import { duration, figure } from "./format.js";
+import { duration, figure, timeOfDay } from "./format.js";
 
 /** The age goes up and down with every picture; what is shown is the most of so long, ms. */
 const SHOWN_MS = 1000;
@@ -17,7 +17,7 @@ export class Freshness {
   draw({ isFresh, trouble, age }, isShown) {
     visible(byId("stale"), isShown && !isFresh);
     text(byId("stale-why"), trouble);
-    text(byId("stale-age"), age === null ? "- nothing was received yet" : `- what you see is ${duration(age)} old`);
+    text(byId("stale-age"), age === null ? "- nothing was received yet" : `- what you see is ${duration(age)} old, of ${timeOfDay(age)}`);
     attribute(document.body, "data-fresh", String(isFresh));
     visible(byId("picture-age"), isFresh);
     if (isFresh) this._drawAge(age);

@@ -3,7 +3,7 @@
 
 import uPlot from "./vendor/uplot.js";
 import { attribute, byId, make, text, visible } from "./dom.js";
-import { degrees, duration } from "./format.js";
+import { degrees, duration, timeOfDay } from "./format.js";
 
 const SPAN_S = 20;
 const DRAW_MS = 100;
@@ -126,9 +126,10 @@ export class Plots {
   }
 
   draw({ robot, since, isLive }) {
+    const age = robot.age_s + since;
     attribute(byId("plots"), "data-live", isLive ? "true" : "false");
     visible(byId("plots-state"), !isLive);
-    text(byId("plots-state"), isLive ? "" : `stopped ${duration(robot.age_s + since)} ago`);
+    text(byId("plots-state"), isLive ? "" : `stopped ${duration(age)} ago, at ${timeOfDay(age)}`);
     const history = this._histories.get(robot.robot);
     const nowMs = performance.now();
     const newest = `${robot.robot} ${history?.times.at(-1)}`;

@@ -9,7 +9,7 @@
 
 import { attribute, byId, text, visible } from "./dom.js";
 import { isTextField } from "./driving.js";
-import { duration, milliseconds } from "./format.js";
+import { duration, milliseconds, timeOfDay } from "./format.js";
 import { titleOf } from "./robots.js";
 
 /** A stop that the station does not report is sent again after this time, ms. */
@@ -71,7 +71,7 @@ export class Stop {
 
   draw(now) {
     const { robot, robots } = now;
-    const status = robot ? this._status(robot) : { kind: "", words: "" };
+    const status = robot ? withAge(this._status(robot), now) : { kind: "", words: "" };
     text(byId("stop-robot"), robot ? titleOf(robot) : "");
     text(byId("stop-state"), status.words);
     attribute(byId("bar"), "data-stop", status.kind || null);
@@ -153,6 +153,12 @@ function confirmed(robot) {
   const after = robot.stop_after_s === null ? "" : ` after ${milliseconds(robot.stop_after_s)}`;
   const what = robot.drives === "none" ? "commands zero" : `drives ${robot.drives || "unknown"}`;
   return `Stop confirmed${after}: ${what}`;
+}
+
+/** What was confirmed is true of the moment of the picture: where nothing came since, of when that was. */
+function withAge({ kind, words }, { robot, isFresh, since }) {
+  if (kind !== "confirmed" || (isFresh && robot.is_alive)) return { kind, words };
+  return { kind: "past", words: `${words}, as of ${timeOfDay(robot.age_s + since)}` };
 }
 
 const newLatch = () => ({ requestedMs: performance.now(), sentMs: -Infinity, isSent: false, isSeen: false, isKept: false, why: "" });

@@ -104,6 +104,20 @@ def test_zero_commands_confirm_stop_and_are_shown_as_such(page: "Page", station:
     shows(page, "#stop-state", "Stop confirmed after 4.9 ms: commands zero")
 
 
+def test_a_confirmation_is_of_its_picture_where_nothing_came_since(page: "Page", station: FakeStation) -> None:
+    """The robot may have been cleared and armed meanwhile."""
+    station.robot(stop="confirmed", stop_after_s=0.0123, mode="FAULT", drives="off")
+    there(page, ".bar[data-stop=confirmed]")
+    station.robot(is_alive=False, age_s=3.0)
+    there(page, ".bar[data-stop=past]")
+    shows(page, "#stop-state", "drives off, as of ")
+    station.robot(is_alive=True)
+    there(page, ".bar[data-stop=confirmed]")
+    station.script.sends = False
+    there(page, ".bar[data-stop=past]")
+    shows(page, "#stop-state", "drives off, as of ")
+
+
 @pytest.mark.parametrize(("posture", "way"), [("FALLEN", "stand up"), ("", "arm")])
 def test_clear_stop_shows_both_commands_of_the_way_back(
     page: "Page", station: FakeStation, posture: str, way: str
