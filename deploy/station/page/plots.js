@@ -4,11 +4,11 @@
 import uPlot from "./vendor/uplot.js";
 import { attribute, byId, make, text, visible } from "./dom.js";
 import { degrees, duration, timeOfDay } from "./format.js";
+import { History } from "./plot_history.js";
 
 const SPAN_S = 20;
 const DRAW_MS = 100;
 const HEIGHT = 104;
-const MOST_POINTS = 1000;
 const LIMITS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 const GRAPHS = [
@@ -23,34 +23,13 @@ const GRAPHS = [
   },
 ];
 
+/** Of the columns of a history, those of each graph. */
+const LINES = GRAPHS.map((graph, index) => {
+  const first = GRAPHS.slice(0, index).reduce((sum, before) => sum + before.series.length, 0);
+  return graph.series.map((_, line) => first + line);
+});
+
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-/** The history of one robot: a column of times, s of the station's clock, and one for each line of each graph. */
-class History {
-  constructor() {
-    this.times = [];
-    this.columns = GRAPHS.map((graph) => graph.series.map(() => []));
-    this._isGap = true;
-  }
-
-  add(timeS, robot) {
-    if (!robot.is_alive && this._isGap) return;
-    if (timeS < this.times.at(-1)) this._cut(this.times.length); // another station's clock
-    this._isGap = !robot.is_alive;
-    this.times.push(timeS);
-    GRAPHS.forEach((graph, index) => {
-      const values = graph.read(robot);
-      this.columns[index].forEach((column, line) => column.push(robot.is_alive ? values[line] : null));
-    });
-    const first = this.times.findIndex((time) => time >= timeS - SPAN_S);
-    this._cut(Math.max(first - 1, this.times.length - MOST_POINTS));
-  }
-
-  _cut(count) {
-    if (count <= 0) return;
-    for (const column of [this.times, ...this.columns.flat()]) column.splice(0, count);
-  }
-}
 
 /** The smallest round limit that holds all values, so that the scale rarely changes. */
 function symmetric(least, low, high) {
@@ -120,8 +99,9 @@ export class Plots {
   /** Add a picture of the fleet. */
   add({ time_s: timeS, robots }) {
     for (const robot of robots) {
-      if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History());
-      this._histories.get(robot.robot).add(timeS, robot);
+      if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History(LINES.flat().length, SPAN_S));
+      const values = robot.is_alive ? GRAPHS.flatMap((graph) => graph.read(robot)) : null;
+      this._histories.get(robot.robot).add(timeS, values);
     }
   }
 
@@ -145,9 +125,8 @@ export class Plots {
       return new uPlot(options(graph, place.clientWidth), [[], ...graph.series.map(() => [])], place);
     });
     GRAPHS.forEach((graph, index) => {
-      const columns = history.columns[index];
-      visible(this._figures[index].root, columns.some((column) => column.some((value) => value !== null)));
-      this._plots[index].setData([history.times, ...columns]);
+      visible(this._figures[index].root, LINES[index].some((line) => history.has(line)));
+      this._plots[index].setData([history.times, ...LINES[index].map((line) => history.columns[line])]);
     });
     this._fit();
     const { root } = this._figures[0];

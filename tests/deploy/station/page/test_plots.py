@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""Plots show what was heard, and no line where nothing was."""
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.deploy.station.page.fake_station import FakeStation
+from tests.deploy.station.page.page_waits import there
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.browser
+
+COLUMNS = """() => {
+    const canvas = document.querySelector("#plots canvas");
+    const copy = new OffscreenCanvas(canvas.width, canvas.height);
+    const context = copy.getContext("2d", {willReadFrequently: true});
+    context.drawImage(canvas, 0, 0);
+    const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+    const hex = getComputedStyle(document.documentElement).getPropertyValue("--plot-1").trim();
+    const [red, green, blue] = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+    const isLine = (at) => data[at + 3] > 200 && Math.abs(data[at] - red) + Math.abs(data[at + 1] - green)
+      + Math.abs(data[at + 2] - blue) < 30;
+    const columns = new Array(canvas.width).fill(false);
+    for (let at = 0; at < data.length; at += 4) if (isLine(at)) columns[(at / 4) % canvas.width] = true;
+    return columns; }"""
+"""Of the first plot: in which columns of dots there is a line."""
+
+
+def _longest_gap(columns: list[bool]) -> int:
+    """Columns in a row without a line, between the first and the last with one."""
+    drawn = "".join("x" if column else " " for column in columns).strip()
+    return max(map(len, drawn.split("x")))
+
+
+def test_no_line_is_drawn_through_silence(page: "Page", station: FakeStation) -> None:
+    there(page, "#plots[data-newest] canvas")
+    station.wait_frames(20)
+    assert _longest_gap(page.evaluate(COLUMNS)) < 10
+    station.script.sends = False
+    station.wait_frames(40)
+    station.script.sends = True
+    there(page, "body[data-fresh=true]")
+    station.wait_frames(20)
+    page.wait_for_function("() => document.querySelector('#plots').dataset.live === 'true'")
+    assert _longest_gap(page.evaluate(COLUMNS)) >= 40, "2 s of 20 s, which are some 500 dots"
+
+
+def _history(page: "Page", rows: list[tuple[float, list[float | None] | None]]) -> list[list[float | None]]:
+    """The columns of a history of two lines that keeps 20 s."""
+    columns: list[list[float | None]] = page.evaluate(
+        """async (rows) => {
+        const { History } = await import("/static/plot_history.js");
+        const history = new History(2, 20);
+        for (const [time, values] of rows) history.add(time, values);
+        return [history.times, ...history.columns]; }""",
+        rows,
+    )
+    return columns
+
+
+def test_a_line_ends_where_nothing_follows_within_a_second(page: "Page") -> None:
+    rows = [(1.0, [1.0, 5.0]), (1.9, [2.0, None]), (15.0, [3.0, 6.0]), (15.05, [4.0, 7.0])]
+    times, first, second = _history(page, rows)
+    assert times == [1.0, 1.9, pytest.approx(1.901), 15.0, 15.05]
+    assert first == [1.0, 2.0, None, 3.0, 4.0]
+    assert second == [5.0, None, None, 6.0, 7.0]
+
+
+def test_a_line_ends_where_the_robot_is_lost_and_its_end_is_kept_once(page: "Page") -> None:
+    rows = [(1.0, [1.0, 5.0]), (1.05, None), (1.1, None), (9.0, None), (9.05, [2.0, 6.0])]
+    assert _history(page, rows) == [[1.0, 1.05, 9.05], [1.0, None, 2.0], [5.0, None, 6.0]]
+
+
+def test_what_is_older_than_is_kept_is_gone_and_another_clock_begins_anew(page: "Page") -> None:
+    rows: list[tuple[float, list[float | None] | None]] = [(0.5 * number, [number, 0.0]) for number in range(100)]
+    times = _history(page, rows)[0]
+    assert (times[0], times[-1]) == (29.0, 49.5)  # one before the 20 s, from where the line comes
+    assert _history(page, [*rows, (3.0, [7.0, 8.0])]) == [[3.0], [7.0], [8.0]]
