@@ -79,6 +79,7 @@ const receive = {
     scene.add(fields);
     announcer.update(robots);
     stop.update(robots);
+    commands.update(now());
     driving.check();
     redraw();
   },
@@ -94,6 +95,7 @@ const receive = {
 
 function changed(isFresh) {
   driving.check();
+  commands.update(now());
   text(byId("alarm"), connection.trouble);
   text(byId("announcer"), isFresh ? "Connected to the base station" : "");
   redraw();
