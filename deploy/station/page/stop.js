@@ -30,12 +30,12 @@ export class Stop {
     this._listen();
   }
 
-  /** Stop these robots. */
-  press(robots) {
+  /** Stop these robots; the key or button was pressed at `pressedMs`, by the page's clock. */
+  press(robots, pressedMs) {
     this._before();
     // Also where the picture is stale: it may be the way to us that is broken, not the one to the robot.
     for (const robot of robots) {
-      this._latches.set(robot.robot, newLatch());
+      this._latches.set(robot.robot, newLatch(pressedMs));
       this._send(robot);
     }
   }
@@ -60,6 +60,9 @@ export class Stop {
       if (latch?.isSeen && robot.stop === "") this._latches.delete(robot.robot);
       else if (latch && robot.stop !== "") {
         latch.isSeen = true;
+        latch.isTaken ||= robot.stop === "requested";
+        // What was confirmed before it was taken is the stop before this one.
+        if (latch.isTaken && robot.stop === "confirmed") latch.confirmedMs ??= performance.now();
         latch.isKept = robot.stop_kept || robot.stop === "confirmed";
       }
     }
@@ -86,6 +89,7 @@ export class Stop {
     const isSent = this._commands.send("stop", robot, {}, (isAccepted, why) => {
       latch.why = isAccepted ? "" : why;
       latch.isKept ||= isAccepted;
+      latch.isTaken ||= isAccepted;
     });
     if (isSent) Object.assign(latch, { isSent, sentMs: performance.now() });
   }
@@ -93,10 +97,10 @@ export class Stop {
   _status(robot) {
     const latch = this._latches.get(robot.robot);
     if (latch && !latch.isSent) return { kind: "failed", words: UNSENT };
-    if (robot.stop === "confirmed") return { kind: "confirmed", words: confirmed(robot) };
+    if (robot.stop === "confirmed") return { kind: "confirmed", words: confirmed(robot, latch) };
     if (latch?.why) return { kind: "failed", words: `Stop failed: ${latch.why}. Use the robot's own switch` };
     if (!latch && robot.stop !== "requested") return { kind: "", words: "" };
-    const waitedMs = latch ? performance.now() - latch.requestedMs : 0;
+    const waitedMs = latch ? performance.now() - latch.pressedMs : 0;
     if (waitedMs < SLOW_MS) return { kind: "requested", words: "Stop requested" };
     return { kind: "failed", words: `Stop requested ${duration(waitedMs / 1e3)} ago, not confirmed` };
   }
@@ -115,10 +119,10 @@ export class Stop {
   }
 
   _listen() {
-    const pressSelected = () => this.press(this._now().robot ? [this._now().robot] : []);
+    const pressSelected = (event) => this.press(this._now().robot ? [this._now().robot] : [], event.timeStamp);
     // At once on touch, not when the finger leaves; a click without a pointer before it comes from a keyboard.
     onPress(byId("stop"), pressSelected);
-    onPress(byId("stop-all"), () => this.press(this._now().robots));
+    onPress(byId("stop-all"), (event) => this.press(this._now().robots, event.timeStamp));
     byId("stop-clear").addEventListener("click", () => this._clear());
     addEventListener("keydown", (event) => this._key(event, pressSelected), { capture: true });
     addEventListener("keyup", (event) => isStopKey(event) && event.preventDefault(), { capture: true });
@@ -128,7 +132,7 @@ export class Stop {
     if (!isStopKey(event)) return;
     event.preventDefault();
     event.stopPropagation();
-    if (!event.repeat) pressSelected();
+    if (!event.repeat) pressSelected(event);
   }
 }
 
@@ -139,20 +143,24 @@ function isStopKey(event) {
 
 function onPress(button, act) {
   let wasPointer = false;
-  button.addEventListener("pointerdown", () => {
+  button.addEventListener("pointerdown", (event) => {
     wasPointer = true;
-    act();
+    act(event);
   });
-  button.addEventListener("click", () => {
-    if (!wasPointer) act();
+  button.addEventListener("click", (event) => {
+    if (!wasPointer) act(event);
     wasPointer = false;
   });
 }
 
-function confirmed(robot) {
-  const after = robot.stop_after_s === null ? "" : ` after ${milliseconds(robot.stop_after_s)}`;
+/** Who pressed it is told the time from there to the picture that confirms it; everybody else, the station's part of it. */
+function confirmed(robot, latch) {
   const what = robot.drives === "none" ? "commands zero" : `drives ${robot.drives || "unknown"}`;
-  return `Stop confirmed${after}: ${what}`;
+  const stations = robot.stop_after_s === null ? "" : milliseconds(robot.stop_after_s);
+  if (!latch) return stations ? `Stop confirmed ${stations} after it reached the station: ${what}` : `Stop confirmed: ${what}`;
+  if (!latch.confirmedMs) return `Stop confirmed: ${what}`;
+  const whole = milliseconds((latch.confirmedMs - latch.pressedMs) / 1e3);
+  return `Stop confirmed after ${whole}${stations ? ` (${stations} at the station)` : ""}: ${what}`;
 }
 
 /** What was confirmed is true of the moment of the picture: where nothing came since, of when that was. */
@@ -161,4 +169,6 @@ function withAge({ kind, words }, { robot, isFresh, since }) {
   return { kind: "past", words: `${words}, as of ${timeOfDay(robot.age_s + since)}` };
 }
 
-const newLatch = () => ({ requestedMs: performance.now(), sentMs: -Infinity, isSent: false, isSeen: false, isKept: false, why: "" });
+const newLatch = (pressedMs) => ({
+  pressedMs, confirmedMs: null, sentMs: -Infinity, isSent: false, isTaken: false, isSeen: false, isKept: false, why: "",
+});

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """STOP: from anywhere, at once, latched, and confirmed."""
 
+import re
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -87,9 +88,9 @@ def test_a_stop_is_latched_until_it_is_cleared(page: "Page", station: FakeStatio
     station.robot(stop="requested")
     shows(page, "#stop-state", "Stop requested")
     station.robot(stop="confirmed", stop_after_s=0.0123, mode="FAULT", drives="off", reason="stopped by ann")
-    shows(page, "#stop-state", "Stop confirmed after 12 ms: drives off")
+    shows(page, "#stop-state", "(12 ms at the station): drives off")
     station.wait_frames(10)
-    shows(page, "#stop-state", "Stop confirmed after 12 ms: drives off")
+    shows(page, "#stop-state", "(12 ms at the station): drives off")
     page.click("#stop-clear")
     station.wait(lambda: len(station.commands) == 2)
     assert _acts(station) == [Act.STOP, Act.CLEAR_FAULT]
@@ -99,9 +100,36 @@ def test_a_stop_is_latched_until_it_is_cleared(page: "Page", station: FakeStatio
     assert page.inner_text("#stop-state") == ""
 
 
+def test_the_time_to_confirmation_is_from_the_key_to_the_picture(page: "Page", station: FakeStation) -> None:
+    station.script.answers[Act.STOP] = None
+    page.keyboard.press("Escape")
+    station.robot(stop="requested")
+    station.wait_frames(15)  # the picture is on the way for long, and the station knows nothing of it
+    station.robot(stop="confirmed", stop_after_s=0.0123, mode="FAULT", drives="off")
+    shows(page, "#stop-state", "(12 ms at the station)")
+    found = re.match(r"Stop confirmed after (\d+) ms ", page.inner_text("#stop-state"))
+    assert found is not None
+    assert int(found[1]) >= 700
+
+
+def test_a_second_stop_is_not_confirmed_by_the_first(page: "Page", station: FakeStation) -> None:
+    station.script.answers[Act.STOP] = None
+    station.robot(stop="confirmed", stop_after_s=0.01, mode="FAULT", drives="off")
+    shows(page, "#stop-state", "Stop confirmed 10 ms after")
+    page.keyboard.press("Escape")
+    shows(page, "#stop-state", "Stop confirmed: drives off")
+    station.wait_frames(3)
+    assert page.inner_text("#stop-state") == "Stop confirmed: drives off"
+    station.robot(stop="requested", stop_after_s=None)
+    shows(page, "#stop-state", "Stop requested")
+    station.robot(stop="confirmed", stop_after_s=0.02)
+    shows(page, "#stop-state", "Stop confirmed after")
+    shows(page, "#stop-state", "(20 ms at the station)")
+
+
 def test_zero_commands_confirm_stop_and_are_shown_as_such(page: "Page", station: FakeStation) -> None:
     station.robot(stop="confirmed", stop_after_s=0.0049, mode="FAULT", drives="none", is_zero=True)
-    shows(page, "#stop-state", "Stop confirmed after 4.9 ms: commands zero")
+    shows(page, "#stop-state", "Stop confirmed 4.9 ms after it reached the station: commands zero")
 
 
 def test_a_confirmation_is_of_its_picture_where_nothing_came_since(page: "Page", station: FakeStation) -> None:
@@ -139,8 +167,10 @@ def test_failed_stop_shows_reason(page: "Page", station: FakeStation) -> None:
     page.keyboard.press("Escape")
     shows(page, "#stop-state", "Stop failed: no answer within 2 s")
     shows(page, "#command-failure", "Stop Alice failed: no answer within 2 s")
+    station.robot(stop="requested")
+    station.wait_frames(3)
     station.robot(stop="confirmed", stop_after_s=3.0, mode="FAULT", drives="off")
-    shows(page, "#stop-state", "Stop confirmed after 3000 ms: drives off")
+    shows(page, "#stop-state", "(3000 ms at the station): drives off")
 
 
 def test_stop_without_connection_is_shown_and_sent_after_reconnect(page: "Page", station: FakeStation) -> None:
