@@ -12,6 +12,7 @@ export class History {
   constructor(lines, keptS) {
     this._lines = lines;
     this._keptS = keptS;
+    this.hasPast = false;
     this._empty();
   }
 
@@ -23,6 +24,17 @@ export class History {
     if (values === null) this._end(timeS);
     else this._push(timeS, values);
     this._cut(this.times.findIndex((time) => time >= timeS - this._keptS) - 1);
+  }
+
+  /** Put before it what was reported earlier, as rows for `add`; what it has itself is left as it is. */
+  prepend(rows) {
+    const past = new History(this._lines, this._keptS);
+    const first = this.times[0] ?? Infinity;
+    for (const [timeS, values] of rows) if (timeS < first) past.add(timeS, values);
+    if (first - past.times.at(-1) > GAP_S) past._end(past.times.at(-1) + END_S);
+    this.hasPast = true;
+    this.times = past.times.concat(this.times);
+    this.columns = past.columns.map((column, line) => column.concat(this.columns[line]));
   }
 
   /** Whether a line has ever had a value. */

@@ -76,6 +76,7 @@ class WebApplication:
         post("/logout", self._authentication.logout)
         get("/socket", self._socket, allow_head=False)
         get("/refused", self._refused)
+        get("/robots/{robot}/trace", self._trace, allow_head=False)
         get("/logs", self._listed(downloads.logs))
         get("/logs/{name}", audited(downloads.log, "log"), allow_head=False)
         get("/robots/{robot}/bundle", audited(downloads.bundle, "bundle", Role.OPERATOR), allow_head=False)
@@ -171,6 +172,12 @@ class WebApplication:
         self._authentication.session(request, Role.OPERATOR)
         shared = self._shared
         return json_response({"web": dict(shared.refusals.most_common()), "station": shared.robots.refused()})
+
+    async def _trace(self, request: web.Request) -> web.Response:
+        self._authentication.session(request)
+        response = json_response(self._hub.traces.of(request.match_info["robot"]))
+        response.enable_compression()
+        return response
 
     def _listed(self, handler: Callable[..., Awaitable[web.Response]]) -> _Handler:
         """A handler for sessions, which shows operators what they may fetch."""

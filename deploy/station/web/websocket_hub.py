@@ -15,6 +15,7 @@ from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.browser import Browser, Picture
 from segway_ecc.deploy.station.web.limits import site_of
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
+from segway_ecc.deploy.station.web.traces import Traces
 
 DRIVE_PERIOD_S: Final = 0.1
 _POLL_S: Final = 0.01
@@ -37,6 +38,7 @@ class WebSocketHub:
         self._picture: Picture | None = None
         self._changed_ns = shared.clock_ns()
         self._event = 0
+        self.traces = Traces()
         self.is_empty = asyncio.Event()
         """Set while no browser is connected."""
         self.is_empty.set()
@@ -123,6 +125,7 @@ class WebSocketHub:
             return
         self._view = view
         self._changed_ns = self._clock_ns()
+        self.traces.add(view)
         self._picture = Picture(view.time_s, msgspec.json.encode(view))
         for browser in self._browsers:
             browser.show(self._picture)

@@ -53,6 +53,7 @@ class Script:
         token: What /login wants; empty for none.
         hello: Said first on each socket.
         events: Told to each new socket.
+        trace: What is kept of a robot's last minutes.
         answers: What commands come to; accepted where not named.
         react: Called with each command, in the station's thread.
     """
@@ -65,6 +66,7 @@ class Script:
     token: str = ""
     hello: HelloView = HELLO
     events: list[EventView] = dataclasses.field(default_factory=list)
+    trace: dict[str, list[float | None]] = dataclasses.field(default_factory=lambda: {"time_s": []})
     answers: dict[Act, Answer] = dataclasses.field(default_factory=dict)
     react: Callable[[Command], None] = lambda _: None
 
@@ -83,6 +85,7 @@ class FakeStation:
         self.seen: list[float] = []
         self.logins: list[dict[str, str]] = []
         self.fetched: list[str] = []
+        self.traced: list[str] = []
         self.sockets = 0
         self.frames = 0
         self._time_s = 1000.0
@@ -156,6 +159,7 @@ class FakeStation:
         app.router.add_post("/logout", self._logout)
         app.router.add_get("/logs", self._fetch)
         app.router.add_get("/robots/{robot}/bundle", self._fetch)
+        app.router.add_get("/robots/{robot}/trace", self._trace)
         app.router.add_get("/socket", self._socket)
         self._runner = web.AppRunner(app)
         await self._runner.setup()
@@ -229,6 +233,10 @@ class FakeStation:
     async def _fetch(self, request: web.Request) -> web.Response:
         self.fetched.append(request.match_info.get("robot", "logs"))
         return web.Response(body=b"bundle", headers={"Content-Disposition": "attachment; filename=bundle.zip"})
+
+    async def _trace(self, request: web.Request) -> web.Response:
+        self.traced.append(request.match_info["robot"])
+        return web.json_response(self.script.trace)
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         known = not self.script.token or request.cookies.get("session") in self._sessions

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Plots show what was heard, and no line where nothing was."""
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import there
+from tests.deploy.station.page.page_waits import gone, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -27,6 +28,10 @@ COLUMNS = """() => {
     for (let at = 0; at < data.length; at += 4) if (isLine(at)) columns[(at / 4) % canvas.width] = true;
     return columns; }"""
 """Of the first plot: in which columns of dots there is a line."""
+
+
+IMAGE = "() => document.querySelector('#plots canvas').toDataURL()"
+CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d)")
 
 
 def _longest_gap(columns: list[bool]) -> int:
@@ -79,3 +84,76 @@ def test_what_is_older_than_is_kept_is_gone_and_another_clock_begins_anew(page: 
     times = _history(page, rows)[0]
     assert (times[0], times[-1]) == (29.0, 49.5)  # one before the 20 s, from where the line comes
     assert _history(page, [*rows, (3.0, [7.0, 8.0])]) == [[3.0], [7.0], [8.0]]
+
+
+def test_what_was_before_comes_before_and_what_is_there_stays(page: "Page") -> None:
+    columns = page.evaluate(
+        """async () => {
+        const { History } = await import("/static/plot_history.js");
+        const history = new History(1, 600);
+        history.add(10, [1]);
+        history.add(10.05, [2]);
+        history.prepend([[7, [3]], [7.2, null], [8.5, [4]], [10, [5]], [10.2, [6]]]);
+        return [history.times, ...history.columns]; }"""
+    )
+    assert columns == [[7, 7.2, 8.5, 8.501, 10, 10.05], [3, None, 4, None, 1, 2]]
+
+
+def _trace(station: FakeStation, seconds: int) -> dict[str, list[float | None]]:
+    """What a station keeps of a robot that leans by 6 degrees."""
+    count = 2 * seconds
+    times: list[float | None] = [station._time_s - seconds + 0.5 * number for number in range(count)]
+    lines = ("linear_velocity", "linear_setpoint", "angular_velocity", "angular_setpoint")
+    unknown: list[float | None] = [None] * count
+    return {"time_s": times, "pitch": [0.1047] * count, **dict.fromkeys(lines, unknown)}
+
+
+def test_the_last_ten_minutes_are_there_after_a_reload(page: "Page", station: FakeStation) -> None:
+    there(page, "#plots[data-newest] canvas")
+    station.script.trace = _trace(station, 590)
+    page.reload()
+    oldest = station.script.trace["time_s"][0]
+    page.wait_for_function("(oldest) => Number(document.querySelector('#plots').dataset.oldest) === oldest", arg=oldest)
+    assert station.traced[-1] == "/alice"
+    page.click("#plots-buttons button:text-is('10 min')")
+    shows(page, "#plots-title", "Last 10 min")
+    page.wait_for_function(f"() => ({COLUMNS})().indexOf(true) < 100")
+    page.click("#plots-buttons button:text-is('20 s')")
+    shows(page, "#plots-title", "Last 20 s")
+    page.wait_for_function(f"() => ({COLUMNS})().indexOf(true) > 100")
+
+
+def test_plots_that_are_paused_stand_still_and_go_on(page: "Page", station: FakeStation) -> None:
+    there(page, "#plots[data-newest] canvas")
+    page.click("#plots-buttons button:text-is('Pause')")
+    shows(page, "#plots-state", "paused")
+    station.wait_frames(4)
+    shown, title = page.evaluate(IMAGE), page.inner_text("#plots-title")
+    assert re.match(r"\d\d:\d\d:\d\d to \d\d:\d\d:\d\d", title)
+    station.robot(pitch=0.5)
+    station.wait_frames(15)
+    assert (page.evaluate(IMAGE), page.inner_text("#plots-title")) == (shown, title)
+    page.click("#plots-buttons button:text-is('Go on')")
+    gone(page, "#plots-state")
+    shows(page, "#plots-title", "Last 20 s")
+    page.wait_for_function(f"(shown) => ({IMAGE})() !== shown", arg=shown)
+
+
+def test_a_drag_shows_a_part_and_the_cursor_reads_values(page: "Page", station: FakeStation) -> None:
+    there(page, "#plots[data-newest] canvas")
+    station.wait_frames(10)
+    page.locator("#plots .u-over").first.scroll_into_view_if_needed()
+    box = page.locator("#plots .u-over").first.bounding_box()
+    assert box is not None
+    right, middle = box["x"] + box["width"], box["y"] + box["height"] / 2
+    page.mouse.move(right - 3, middle)
+    shows(page, "#plots .plot-at", ": 3.00")
+    page.mouse.down()
+    page.mouse.move(right - box["width"] / 2, middle, steps=4)
+    page.mouse.up()
+    shows(page, "#plots-state", "paused")
+    title = page.inner_text("#plots-title")
+    begun, ended = (int(hour) * 3600 + int(minute) * 60 + int(second) for hour, minute, second in CLOCK.findall(title))
+    assert 9 <= (ended - begun) % 86400 <= 11, "half of 20 s"
+    page.mouse.move(0, 0)
+    page.wait_for_function("() => document.querySelector('#plots .plot-at').textContent === ''")
