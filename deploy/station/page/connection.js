@@ -15,8 +15,12 @@ const LAST_RETRY_MS = 5000;
 /** Set-points are discarded while this much waits to be sent: an old one is worse than none, bytes. */
 const BACKLOG_BYTES = 16384;
 
+/** Pictures are compressed where this browser can inflate them (Compression Streams). */
+const INFLATES = "DecompressionStream" in window;
 const SLOW = "Slow connection to the base station";
 const NO_CONNECTION = "No connection to the base station";
+
+const inflate = (blob) => new Response(blob.stream().pipeThrough(new DecompressionStream("deflate-raw"))).text();
 
 export class Connection {
   /**
@@ -89,11 +93,14 @@ export class Connection {
   }
 
   _connect() {
-    const socket = new WebSocket(this.url);
+    const socket = new WebSocket(this.url + (INFLATES ? "?pictures=deflate" : ""));
     this._socket = socket;
     this._openedMs = performance.now();
     this._isFirst = true;
-    socket.onmessage = (event) => socket === this._socket && this._receive(event.data);
+    socket.onmessage = async ({ data }) => {
+      const json = typeof data === "string" ? data : await inflate(data);
+      if (socket === this._socket) this._receive(json);
+    };
     socket.onclose = () => socket === this._socket && this._disconnect();
   }
 

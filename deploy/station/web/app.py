@@ -14,7 +14,7 @@ from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
-from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.browser import Browser, Peer
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
 from segway_ecc.deploy.station.web.downloads import Downloads
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices, json_response, refusal
@@ -145,7 +145,8 @@ class WebApplication:
         if self.connections is not None:
             self.connections.on_browser(request.transport)
         transport = request.transport if isinstance(request.transport, asyncio.WriteTransport) else None
-        browser = Browser(self._shared, socket, session, address, transport)
+        peer = Peer(address, transport, inflates=request.query.get("pictures") == "deflate")
+        browser = Browser(self._shared, socket, session, peer)
         await self._serve(browser, socket)
         return socket
 

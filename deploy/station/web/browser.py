@@ -14,14 +14,11 @@ from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView, Seen
 from segway_ecc.deploy.station.web.access import Role, Session
 from segway_ecc.deploy.station.web.audit import AuditEntry
 from segway_ecc.deploy.station.web.limits import Bucket
+from segway_ecc.deploy.station.web.pictures import Picture, Pictures
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 _MOST_WAITING: Final = 1000
 _STUCK_NS: Final = 10_000_000_000
-_MOST_UNSEEN: Final = 2
-"""Pictures on the way to a browser: what is sent at once only waits in the buffers of a slow link, and grows old."""
-_QUICK_NS: Final = 300_000_000
-"""From a picture to the browser's word that it has it; where it takes longer, one is on the way at a time."""
 _MISTAKES: Final = frozenset(
     {Cause.MALFORMED, Cause.OVERSIZED, Cause.OUT_OF_RANGE, Cause.REPLAYED_COMMAND, Cause.MESSAGE_RATE}
 )
@@ -36,40 +33,33 @@ _LARGEST_ID: Final = 2**53 - 1
 _decoder: Final[msgspec.json.Decoder[Command | Drive | Seen]] = msgspec.json.Decoder(Command | Drive | Seen)
 
 
-class Picture(NamedTuple):
-    """A picture as it is sent; `time_s` as in `FleetView`."""
+class Peer(NamedTuple):
+    """The other end of a socket.
 
-    time_s: float
-    encoded: bytes
+    Attributes:
+        transport: Is aborted where it is stuck.
+        inflates: Whether it takes pictures compressed, as binary messages.
+    """
 
-
-class _Unseen(NamedTuple):
-    time_s: float
-    sent_ns: int
+    address: str
+    transport: asyncio.WriteTransport | None
+    inflates: bool
 
 
 class Browser:
-    """Sends the newest picture as soon as the browser has those before, and all events and replies in their order."""
+    """Sends the newest picture as soon as those before have arrived, and all events and replies in their order."""
 
-    def __init__(
-        self,
-        shared: SharedServices,
-        socket: web.WebSocketResponse,
-        session: Session,
-        address: str,
-        transport: asyncio.WriteTransport | None,
-    ) -> None:
-        """Serve a socket that is open, of a session at an address; `transport` is aborted where it is stuck."""
+    def __init__(self, shared: SharedServices, socket: web.WebSocketResponse, session: Session, peer: Peer) -> None:
+        """Serve a socket that is open, of a session."""
         self.session = session
-        self.address = address
+        self.address = peer.address
         self._shared = shared
         self._socket = socket
-        self._transport = transport
+        self._transport = peer.transport
+        self._inflates = peer.inflates
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[bytes] = deque()
-        self._picture: Picture | None = None
-        self._unseen: deque[_Unseen] = deque()
-        self._took_ns: int | None = None
+        self._pictures = Pictures()
         self._wake = asyncio.Event()
         self._sending_since_ns: int | None = None
         now_ns = shared.clock_ns()
@@ -80,8 +70,8 @@ class Browser:
         self._ending: tuple[int, str] | None = None
 
     def show(self, picture: Picture) -> None:
-        """Send a picture as soon as there is room, in place of one that was not yet sent."""
-        self._picture = picture
+        """Send a picture as soon as those before have arrived, in place of one that was not yet sent."""
+        self._pictures.put(picture)
         self._wake.set()
 
     def queue(self, message: bytes) -> None:
@@ -100,8 +90,10 @@ class Browser:
 
     def is_stuck(self, now_ns: int) -> bool:
         """Whether a message was not sent, or a picture not seen, for so long that the browser counts as gone."""
-        since_ns = self._unseen[0].sent_ns if self._unseen else self._sending_since_ns
-        return since_ns is not None and now_ns - since_ns > _STUCK_NS
+        return any(
+            since_ns is not None and now_ns - since_ns > _STUCK_NS
+            for since_ns in (self._sending_since_ns, self._pictures.unseen_since_ns)
+        )
 
     def abort(self, cause: Cause) -> None:
         """Abort the connection of a browser that is gone."""
@@ -115,9 +107,9 @@ class Browser:
             while self._ending is None:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._ending is None and (message := self._next()) is not None:
+                while self._ending is None and (following := self._next()) is not None:
                     self._sending_since_ns = self._shared.clock_ns()
-                    await self._socket.send_frame(message, WSMsgType.TEXT)
+                    await self._socket.send_frame(*following)
                     self._sending_since_ns = None
             code, reason = self._ending
             await self._socket.close(code=code, message=reason.encode())
@@ -147,29 +139,20 @@ class Browser:
         if self._driven:
             self._drive(Drive(id=self._last_id + 1, robot=self._driven, linear=0.0, angular=0.0))
 
-    def _next(self) -> bytes | None:
-        """What is sent next; a picture only where there is room for one."""
+    def _next(self) -> tuple[bytes, WSMsgType] | None:
+        """What is sent next, and as what."""
         if self._waiting:
-            return self._waiting.popleft()
-        picture = self._picture
-        if picture is None or not self._has_room():
+            return self._waiting.popleft(), WSMsgType.TEXT
+        picture = self._pictures.take(self._shared.clock_ns())
+        if picture is None:
             return None
-        self._picture = None
-        self._unseen.append(_Unseen(picture.time_s, self._shared.clock_ns()))
-        return picture.encoded
-
-    def _has_room(self) -> bool:
-        is_quick = self._took_ns is not None and self._took_ns <= _QUICK_NS
-        return len(self._unseen) < (_MOST_UNSEEN if is_quick else 1)
+        return (picture.deflated, WSMsgType.BINARY) if self._inflates else (picture.encoded, WSMsgType.TEXT)
 
     def _on_seen(self, seen: Seen, now_ns: int) -> None:
-        """Make room for the next picture, and tell when this arrived, where it says something new."""
-        arrived = [unseen for unseen in self._unseen if unseen.time_s <= seen.time_s]
-        for unseen in arrived:
-            self._unseen.remove(unseen)
-            self._took_ns = now_ns - unseen.sent_ns
-        if arrived:
-            self.queue(msgspec.json.encode(SeenView(time_s=arrived[-1].time_s, at_s=now_ns * 1e-9)))
+        """Make room for the next picture, and tell when this arrived; nothing where it says nothing new."""
+        time_s = self._pictures.on_seen(seen.time_s, now_ns)
+        if time_s is not None:
+            self.queue(msgspec.json.encode(SeenView(time_s=time_s, at_s=now_ns * 1e-9)))
 
     def _decode(self, message: str | bytes, now_ns: int) -> Command | Drive | Seen:
         if isinstance(message, bytes):

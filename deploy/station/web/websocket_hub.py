@@ -12,8 +12,9 @@ from aiohttp import WSCloseCode
 
 from segway_ecc.deploy.station.views import FleetView, HelloView
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.browser import Browser, Picture
+from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.limits import site_of
+from segway_ecc.deploy.station.web.pictures import Picture
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 from segway_ecc.deploy.station.web.traces import Traces
 
@@ -126,7 +127,7 @@ class WebSocketHub:
         self._view = view
         self._changed_ns = self._clock_ns()
         self.traces.add(view)
-        self._picture = Picture(view.time_s, msgspec.json.encode(view))
+        self._picture = Picture(view)
         for browser in self._browsers:
             browser.show(self._picture)
 

@@ -5,6 +5,7 @@ import asyncio
 import dataclasses
 import threading
 import time
+import zlib
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -91,6 +92,7 @@ class FakeStation:
         self._time_s = 1000.0
         self._ticked_s = time.monotonic()
         self._open: set[web.WebSocketResponse] = set()
+        self._inflating: set[web.WebSocketResponse] = set()
         self._sessions: set[str] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -198,10 +200,14 @@ class FakeStation:
             self.frames += 1
 
     async def _send(self, view: msgspec.Struct) -> None:
-        data = msgspec.json.encode(view).decode()
+        data = msgspec.json.encode(view)
         for socket in list(self._open):
-            if not socket.closed:
-                await socket.send_str(data)
+            if socket.closed:
+                continue
+            if isinstance(view, FleetView) and socket in self._inflating:
+                await socket.send_bytes(zlib.compress(data, wbits=-15))
+            else:
+                await socket.send_str(data.decode())
 
     async def _index(self, _: web.Request) -> web.Response:
         return _file(PAGE / "index.html", "text/html")
@@ -248,6 +254,8 @@ class FakeStation:
         for view in (self.script.hello, *self.script.events):
             await socket.send_str(msgspec.json.encode(view).decode())
         self._open.add(socket)
+        if request.query.get("pictures") == "deflate":
+            self._inflating.add(socket)
         async for message in socket:
             if message.type is WSMsgType.TEXT:
                 await self._take(socket, message.data)

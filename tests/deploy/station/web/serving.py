@@ -3,6 +3,7 @@
 
 import asyncio
 import contextlib
+import zlib
 from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -130,8 +131,11 @@ async def receive(socket: aiohttp.ClientWebSocketResponse, kind: str) -> dict[st
     async with asyncio.timeout(10.0):
         while True:
             message = await socket.receive()
-            assert message.type is aiohttp.WSMsgType.TEXT, message
-            decoded: dict[str, Any] = msgspec.json.decode(message.data)
+            assert message.type in {aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY}, message
+            is_text = message.type is aiohttp.WSMsgType.TEXT
+            decoded: dict[str, Any] = msgspec.json.decode(
+                message.data if is_text else zlib.decompress(message.data, wbits=-15)
+            )
             if decoded["kind"] == "fleet":
                 await socket.send_str(seen(decoded["time_s"]))
             if decoded["kind"] == kind:

@@ -3,13 +3,17 @@
 
 import asyncio
 import contextlib
+import zlib
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from aiohttp import ClientWebSocketResponse
+from aiohttp import ClientWebSocketResponse, WSMsgType
 
+from segway_ecc.deploy.station.views import FleetView
+from segway_ecc.deploy.station.web.pictures import Picture
+from tests.deploy.station.web.scripted_station import full_robot
 from tests.deploy.station.web.serving import Served, browser, command, receive, seen, served
 from tests.deploy.station.web.socket_helpers import asked, until
 
@@ -103,6 +107,38 @@ def test_word_of_a_picture_that_was_not_sent_changes_nothing(tmp_path: Path) -> 
             assert here.refused() == {}
 
     asyncio.run(scenario())
+
+
+def test_pictures_are_compressed_for_who_asks_for_it_and_nothing_else_is(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with (
+            served(tmp_path) as here,
+            browser(here, "ann") as client,
+            client.ws_connect("/socket") as plain,
+            client.ws_connect("/socket?pictures=deflate") as compressed,
+        ):
+            here.station.happen("now")
+            kinds = set()
+            while len(kinds) < 3:
+                message = await compressed.receive(10.0)
+                is_text = message.type is WSMsgType.TEXT
+                content = message.data if is_text else zlib.decompress(message.data, wbits=-15)
+                kind = msgspec.json.decode(content)["kind"]
+                assert is_text == (kind != "fleet")
+                kinds.add(kind)
+            assert kinds == {"hello", "event", "fleet"}
+            while msgspec.json.decode(await plain.receive_str())["kind"] != "fleet":
+                pass
+
+    asyncio.run(scenario())
+
+
+def test_a_compressed_picture_of_twenty_robots_is_a_tenth_of_it() -> None:
+    view = FleetView(time_s=1.0, robots=[full_robot(f"/robot{number}") for number in range(20)])
+    picture = Picture(view)
+    assert zlib.decompress(picture.deflated, wbits=-15) == msgspec.json.encode(view)
+    assert len(picture.deflated) < 0.1 * len(picture.encoded)
+    assert picture.deflated is picture.deflated, "once for all"
 
 
 def test_a_browser_that_never_says_that_it_has_a_picture_is_cut(tmp_path: Path) -> None:
