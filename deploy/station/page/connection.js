@@ -20,7 +20,7 @@ const INFLATES = "DecompressionStream" in window;
 const SLOW = "Slow connection to the base station";
 const NO_CONNECTION = "No connection to the base station";
 
-const inflate = (blob) => new Response(blob.stream().pipeThrough(new DecompressionStream("deflate-raw"))).text();
+const inflate = (blob) => new Response(blob.stream().pipeThrough(new DecompressionStream("deflate"))).text();
 
 export class Connection {
   /**

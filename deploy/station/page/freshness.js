@@ -21,13 +21,13 @@ export class Freshness {
     attribute(document.body, "data-fresh", String(isFresh));
     visible(byId("picture-age"), isFresh);
     if (isFresh) this._drawAge(age);
-    else this._nextMs = 0;
+    else [this._most, this._nextMs] = [0, 0];
   }
 
   _drawAge(age) {
     this._most = Math.max(this._most, age);
     if (performance.now() < this._nextMs) return;
-    text(byId("picture-age"), `Pictures at most ${figure(1e3 * this._most, 0)} ms old`);
+    text(byId("picture-age"), `Pictures ${figure(1e3 * this._most, 0)} ms old`);
     this._nextMs = performance.now() + SHOWN_MS;
     this._most = 0;
   }

@@ -15,8 +15,6 @@ _MOST_UNSEEN: Final = 2
 _QUICK_NS: Final = 300_000_000
 """From a picture to the browser's word that it has it; where it takes longer, one is on the way at a time."""
 _QUICKLY: Final = 1
-_RAW_DEFLATE: Final = -15
-"""Without zlib's head and sum (zlib manual, deflateInit2)."""
 
 
 class Picture:
@@ -33,8 +31,8 @@ class Picture:
 
     @functools.cached_property
     def deflated(self) -> bytes:
-        """The same, compressed (RFC 1951)."""
-        return zlib.compress(self.encoded, _QUICKLY, wbits=_RAW_DEFLATE)
+        """The same, compressed (RFC 1950)."""
+        return zlib.compress(self.encoded, _QUICKLY)
 
 
 class _Unseen(NamedTuple):

@@ -144,6 +144,11 @@ class FakeStation:
         goal = self.frames + count
         self.wait(lambda: self.frames >= goal)
 
+    def wait_seen(self, count: int) -> None:
+        """Wait until the page took some more pictures; all but the last of them it has worked off."""
+        goal = len(self.seen) + count
+        self.wait(lambda: len(self.seen) >= goal)
+
     def wait_drives(self, count: int) -> None:
         """Wait until some more set-points came, so that the last was asked after all that the test did."""
         goal = len(self.drives) + count
@@ -205,7 +210,7 @@ class FakeStation:
             if socket.closed:
                 continue
             if isinstance(view, FleetView) and socket in self._inflating:
-                await socket.send_bytes(zlib.compress(data, wbits=-15))
+                await socket.send_bytes(zlib.compress(data))
             else:
                 await socket.send_str(data.decode())
 

@@ -96,7 +96,7 @@ def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", stati
 
 
 def test_of_what_is_lost_is_shown_since_when(page: "Page", station: FakeStation) -> None:
-    station.robot(**lost(age_s=3600.0))
+    station.robot(**{**lost(), "age_s": 3600.0})
     for element in ("#reason", "#plots-state"):
         shows(page, element, "1 h 0 min")
         hour, minute, second = map(int, re.findall(r"\d\d(?=:)|(?<=:)\d\d", page.inner_text(element)))

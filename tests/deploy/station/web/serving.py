@@ -133,9 +133,7 @@ async def receive(socket: aiohttp.ClientWebSocketResponse, kind: str) -> dict[st
             message = await socket.receive()
             assert message.type in {aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY}, message
             is_text = message.type is aiohttp.WSMsgType.TEXT
-            decoded: dict[str, Any] = msgspec.json.decode(
-                message.data if is_text else zlib.decompress(message.data, wbits=-15)
-            )
+            decoded: dict[str, Any] = msgspec.json.decode(message.data if is_text else zlib.decompress(message.data))
             if decoded["kind"] == "fleet":
                 await socket.send_str(seen(decoded["time_s"]))
             if decoded["kind"] == kind:

@@ -10,11 +10,11 @@ from collections.abc import Coroutine
 from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
-_SETTLES_S: Final = 0.002
+_SETTLES_S: Final = 0.0005
 """In real time, for what is on its way between two sockets of this machine."""
 
 
-class _Selector(selectors.DefaultSelector):  # type: ignore[misc, valid-type]  # which class it is depends on the machine
+class _Selector(selectors.SelectSelector):
     """Where nothing arrives, the time that was to be waited for passes at once."""
 
     def __init__(self) -> None:

@@ -3,6 +3,8 @@
 
 import asyncio
 import contextlib
+import statistics
+import sys
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -19,7 +21,7 @@ from tests.deploy.station.web.slow_link import LinkQuality, slow_link
 LAN: Final = LinkQuality(bytes_per_s=10e6, latency_s=0.001)
 FAR: Final = LinkQuality(bytes_per_s=40e3, latency_s=0.1)
 GAPPY: Final = FAR._replace(gap_s=2.0)
-WATCHED_S: Final = 30.0
+WATCHED_S: Final = 10.0
 """Long enough for a queue on the way to grow to many seconds, where there is one."""
 TRIED: Final = 20
 """At so many moments, of other phases to the pictures, a robot goes into FAULT."""
@@ -61,26 +63,63 @@ def _set_mode(station: ScriptedStation, mode: str) -> None:
 
 async def _watch(folder: Path, quality: LinkQuality, count: int) -> Sight:
     loop = asyncio.get_running_loop()
-    ages, faults = [], []
+    ages: list[float] = []
+    begun: list[float] = []
+    seen: list[float] = []
     async with _far_end(folder, quality, count) as (station, socket):
-        fault_s, next_s = None, WATCHED_S
-        while len(faults) < TRIED:
+
+        def fail() -> None:
+            begun.append(loop.time())
+            _set_mode(station, "FAULT")
+
+        loop.call_at(WATCHED_S, fail)
+        is_next_due = False
+        while len(seen) < TRIED:
             picture = await receive(socket, "fleet")
             ages.append(loop.time() - picture["time_s"])
             is_fault = picture["robots"][0]["mode"] == "FAULT"
-            if is_fault and fault_s is not None:
-                faults.append(loop.time() - fault_s)
-                fault_s, next_s = None, loop.time() + 1.0 + 0.037 * len(faults)
+            if is_fault and len(seen) < len(begun):
+                seen.append(loop.time() - begun[-1])
                 _set_mode(station, "ARMED")
-            elif not is_fault and fault_s is None and loop.time() > next_s:
-                await asyncio.sleep(0.013 * len(faults))
-                fault_s = loop.time()
-                _set_mode(station, "FAULT")
-        return Sight(len(ages) / loop.time(), ages, faults)
+                is_next_due = True
+            elif is_next_due and not is_fault:
+                loop.call_later(1.0 + 0.037 * len(seen), fail)
+                is_next_due = False
+        return Sight(len(ages) / loop.time(), ages, seen)
 
 
 def _sight(folder: Path, quality: LinkQuality, count: int) -> Sight:
-    return run_simulated(_watch(folder, quality, count))
+    sight = run_simulated(_watch(folder, quality, count))
+    gap = f", {quality.gap_s:g} s of each {quality.period_s:g} s nothing" if quality.gap_s else ""
+    sys.stderr.write(
+        f"\n| {quality.bytes_per_s / 1e3:g} kB/s, {quality.latency_s * 1e3:g} ms{gap} | {count} | "
+        f"{sight.pictures_per_s:.1f} | {_median(sight.ages_s):.0f}, {max(sight.ages_s) * 1e3:.0f} | "
+        f"{_median(sight.faults_s):.0f}, {max(sight.faults_s) * 1e3:.0f} |\n"
+    )
+    return sight
+
+
+def _median(times_s: Sequence[float]) -> float:
+    """In ms."""
+    return 1e3 * statistics.median(times_s)
+
+
+def test_the_link_is_as_slow_as_it_says(tmp_path: Path) -> None:
+    async def fetch() -> tuple[int, float]:
+        loop = asyncio.get_running_loop()
+        station = ScriptedStation(clock=loop.time)
+        async with (
+            served(tmp_path, station=station, clock_ns=lambda: round(loop.time() * 1e9)) as here,
+            slow_link(FAR, here.port) as port,
+            aiohttp.ClientSession(headers={"Host": f"127.0.0.1:{here.port}"}) as client,
+        ):
+            begun_s = loop.time()
+            async with client.get(f"http://127.0.0.1:{port}/static/vendor/uplot.js") as answer:
+                return len(await answer.read()), loop.time() - begun_s
+
+    size, took_s = run_simulated(fetch())
+    least_s = size / FAR.bytes_per_s + 2.0 * FAR.latency_s
+    assert least_s <= took_s <= least_s + 0.1
 
 
 @pytest.mark.parametrize("count", [1, 20])
