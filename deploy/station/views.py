@@ -165,6 +165,18 @@ class ReplyView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     text: str
 
 
+class SeenView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="seen"):
+    """When the page's word that it has a picture arrived: by then the page had it, which bounds how old it was.
+
+    Attributes:
+        time_s: Of the picture, as in `FleetView`.
+        at_s: When the page's message arrived, by the same clock, s.
+    """
+
+    time_s: float
+    at_s: float
+
+
 class TrialView(msgspec.Struct, frozen=True, kw_only=True):
     """Something that can be done to a simulated robot, to see what its safety does.
 
@@ -198,6 +210,18 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     max_linear: float
     max_angular: float
     trials: Sequence[TrialView] = ()
+
+
+class Seen(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="seen", forbid_unknown_fields=True):
+    """The page has a picture, and all before it: the station sends the next one when it knows.
+
+    It has no id: sent again, or for a picture that was never sent, it changes nothing.
+
+    Attributes:
+        time_s: Of the picture, as in `FleetView`.
+    """
+
+    time_s: float
 
 
 class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="command", forbid_unknown_fields=True):

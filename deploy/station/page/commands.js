@@ -44,6 +44,7 @@ export class Commands {
     this._now = now;
     this._fill = fill;
     this._pending = new Map();
+    this._done = null;
     this._buttons = Object.entries(BUTTONS).flatMap(([place, acts]) => acts.map((act) => this._button(place, act)));
   }
 
@@ -66,12 +67,13 @@ export class Commands {
     clearTimeout(pending.timer);
     this._pending.delete(id);
     pending.answered?.(isAccepted, answer);
-    if (isAccepted) this._show(`${pending.label}: ${answer || "done"}`, "");
+    if (isAccepted) this._succeed(pending, answer || "done");
     else this._show("", `${pending.label} failed: ${answer || "no reason was given"}`);
   }
 
-  /** The socket closed: what was not answered never will be. */
+  /** The socket closed: what was not answered never will be, and what was done may be undone meanwhile. */
   lost() {
+    this._forget();
     for (const id of [...this._pending.keys()]) {
       this.reply({ id, is_accepted: false, text: "the connection broke before an answer came" });
     }
@@ -80,6 +82,17 @@ export class Commands {
   /** Show why something was not even sent. */
   fail(why) {
     this._show("", why);
+  }
+
+  /** Follow who has control, and whether what is shown is still true: what a command came to counts no longer than that. */
+  update({ robots, hello, isFresh }) {
+    if (this._done === null) return;
+    const { act, robot: namespace } = this._done;
+    const controller = robots.find((robot) => robot.robot === namespace)?.controller ?? "";
+    const isOurs = controller === hello?.who;
+    const isOver = act === "release_control" ? !isOurs && controller !== "" : this._done.wasOurs && !isOurs;
+    this._done.wasOurs ||= isOurs;
+    if (isOver || !isFresh) this._forget();
   }
 
   draw(now) {
@@ -129,7 +142,19 @@ export class Commands {
     return undefined;
   }
 
+  _succeed({ act, robot, label }, answer) {
+    this._show(`${label}: ${answer}`, "");
+    this._done = { act, robot, wasOurs: false };
+  }
+
+  /** What was done is no longer shown. */
+  _forget() {
+    if (this._done !== null) text(byId("command-state"), "");
+    this._done = null;
+  }
+
   _show(state, failure) {
+    this._done = null;
     text(byId("command-state"), state);
     text(byId("command-failure"), failure);
   }

@@ -6,9 +6,9 @@ const PLAYING = ["waiting", "running"];
 export const VIEWER = "You are signed in as a viewer: you can watch and stop, but not command";
 
 /** Why no command to the selected robot is allowed, or an empty text. */
-export function whyNoCommand({ isFresh, hello, robot }) {
+export function whyNoCommand({ trouble, hello, robot }) {
   if (!robot) return "No robot is selected";
-  if (!isFresh) return "No connection to the base station";
+  if (trouble) return trouble;
   if (hello?.role !== "operator") return VIEWER;
   return "";
 }

@@ -9,7 +9,7 @@
 
 import { attribute, byId, text, visible } from "./dom.js";
 import { blurWhatIsClicked, takesSpace } from "./driving.js";
-import { duration, milliseconds } from "./format.js";
+import { duration, milliseconds, timeOfDay } from "./format.js";
 import { actOf, marksOf, nameOf } from "./keys.js";
 import { titleOf } from "./robots.js";
 
@@ -31,20 +31,20 @@ export class Stop {
     this._listen();
   }
 
-  /** Stop these robots. */
-  press(robots) {
+  /** Stop these robots; the key or button was pressed at `pressedMs`, by the page's clock. */
+  press(robots, pressedMs) {
     this._before();
     // Also where the picture is stale: it may be the way to us that is broken, not the one to the robot.
     for (const robot of robots) {
-      this._latches.set(robot.robot, newLatch());
+      this._latches.set(robot.robot, newLatch(pressedMs));
       this._send(robot);
     }
   }
 
-  /** Stop the robot that is selected, as the key does. */
-  pressSelected() {
+  /** Stop the robot that is selected; see `press`. */
+  pressSelected(pressedMs) {
     const { robot } = this._now();
-    if (robot) this.press([robot]);
+    if (robot) this.press([robot], pressedMs);
     else this._commands.fail("Stop: no robot is selected, and nothing was stopped");
   }
 
@@ -68,6 +68,9 @@ export class Stop {
       if (latch?.isSeen && robot.stop === "") this._latches.delete(robot.robot);
       else if (latch && robot.stop !== "") {
         latch.isSeen = true;
+        latch.isTaken ||= robot.stop === "requested";
+        // What was confirmed before it was taken is the stop before this one.
+        if (latch.isTaken && robot.stop === "confirmed") latch.confirmedMs ??= performance.now();
         latch.isKept = robot.stop_kept || robot.stop === "confirmed";
       }
     }
@@ -79,7 +82,7 @@ export class Stop {
 
   draw(now) {
     const { robot, robots } = now;
-    const status = robot ? this._status(robot) : { kind: "", words: "" };
+    const status = robot ? withAge(this._status(robot), now) : { kind: "", words: "" };
     text(byId("stop-robot"), robot ? titleOf(robot) : "");
     text(byId("stop-state"), status.words);
     attribute(byId("bar"), "data-stop", status.kind || null);
@@ -94,6 +97,7 @@ export class Stop {
     const isSent = this._commands.send("stop", robot, {}, (isAccepted, why) => {
       latch.why = isAccepted ? "" : why;
       latch.isKept ||= isAccepted;
+      latch.isTaken ||= isAccepted;
     });
     if (isSent) Object.assign(latch, { isSent, sentMs: performance.now() });
   }
@@ -101,10 +105,10 @@ export class Stop {
   _status(robot) {
     const latch = this._latches.get(robot.robot);
     if (latch && !latch.isSent) return { kind: "failed", words: UNSENT };
-    if (robot.stop === "confirmed") return { kind: "confirmed", words: confirmed(robot) };
+    if (robot.stop === "confirmed") return { kind: "confirmed", words: confirmed(robot, latch) };
     if (latch?.why) return { kind: "failed", words: `Stop failed: ${latch.why}. Use the robot's own switch` };
     if (!latch && robot.stop !== "requested") return { kind: "", words: "" };
-    const waitedMs = latch ? performance.now() - latch.requestedMs : 0;
+    const waitedMs = latch ? performance.now() - latch.pressedMs : 0;
     if (waitedMs < SLOW_MS) return { kind: "requested", words: "Stop requested" };
     return { kind: "failed", words: `Stop requested ${duration(waitedMs / 1e3)} ago, not confirmed` };
   }
@@ -124,10 +128,10 @@ export class Stop {
 
   _listen() {
     text(byId("stop-keys"), `${marksOf("stop").join(", ")} or gamepad B`);
-    const pressSelected = () => this.pressSelected();
+    const pressSelected = (event) => this.pressSelected(event.timeStamp);
     // At once on touch, not when the finger leaves; a click without a pointer before it comes from a keyboard.
     onPress(byId("stop"), pressSelected);
-    onPress(byId("stop-all"), () => this.press(this._now().robots));
+    onPress(byId("stop-all"), (event) => this.press(this._now().robots, event.timeStamp));
     byId("stop-clear").addEventListener("click", () => this._clear());
     addEventListener("keydown", (event) => this._key(event), { capture: true });
     addEventListener("keyup", (event) => isStopKey(event) && event.preventDefault(), { capture: true });
@@ -138,7 +142,7 @@ export class Stop {
     if (!isStopKey(event)) return;
     event.preventDefault();
     event.stopPropagation();
-    if (!event.repeat) this.pressSelected();
+    if (!event.repeat) this.pressSelected(event.timeStamp);
   }
 }
 
@@ -151,13 +155,25 @@ function isStopKey(event) {
 
 function onPress(button, act) {
   button.addEventListener("pointerdown", act);
-  button.addEventListener("click", (event) => event.pointerType || act());
+  button.addEventListener("click", (event) => event.pointerType || act(event));
 }
 
-function confirmed(robot) {
-  const after = robot.stop_after_s === null ? "" : ` after ${milliseconds(robot.stop_after_s)}`;
+/** Who pressed it is told the time from there to the picture that confirms it; everybody else, the station's part of it. */
+function confirmed(robot, latch) {
   const what = robot.drives === "none" ? "commands zero" : `drives ${robot.drives || "unknown"}`;
-  return `Stop confirmed${after}: ${what}`;
+  const stations = robot.stop_after_s === null ? "" : milliseconds(robot.stop_after_s);
+  if (!latch) return stations ? `Stop confirmed ${stations} after it reached the station: ${what}` : `Stop confirmed: ${what}`;
+  if (!latch.confirmedMs) return `Stop confirmed: ${what}`;
+  const whole = milliseconds((latch.confirmedMs - latch.pressedMs) / 1e3);
+  return `Stop confirmed after ${whole}${stations ? ` (${stations} at the station)` : ""}: ${what}`;
 }
 
-const newLatch = () => ({ requestedMs: performance.now(), sentMs: -Infinity, isSent: false, isSeen: false, isKept: false, why: "" });
+/** What was confirmed is true of the moment of the picture: where nothing came since, of when that was. */
+function withAge({ kind, words }, { robot, isFresh, since }) {
+  if (kind !== "confirmed" || (isFresh && robot.is_alive)) return { kind, words };
+  return { kind: "past", words: `${words}, as of ${timeOfDay(robot.age_s + since)}` };
+}
+
+const newLatch = (pressedMs) => ({
+  pressedMs, confirmedMs: null, sentMs: -Infinity, isSent: false, isTaken: false, isSeen: false, isKept: false, why: "",
+});

@@ -14,7 +14,9 @@ from segway_ecc.deploy.station.views import FleetView, HelloView
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.limits import site_of
+from segway_ecc.deploy.station.web.pictures import Picture
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
+from segway_ecc.deploy.station.web.traces import Traces
 
 DRIVE_PERIOD_S: Final = 0.1
 _POLL_S: Final = 0.01
@@ -33,10 +35,11 @@ class WebSocketHub:
         self._version = version
         self._browsers: set[Browser] = set()
         self._by_site: Counter[str] = Counter()
-        self._picture: FleetView | None = None
-        self._encoded = b""
+        self._view: FleetView | None = None
+        self._picture: Picture | None = None
         self._changed_ns = shared.clock_ns()
         self._event = 0
+        self.traces = Traces()
         self.is_empty = asyncio.Event()
         """Set while no browser is connected."""
         self.is_empty.set()
@@ -76,8 +79,8 @@ class WebSocketHub:
         for event in self._robots.events(max(self._event - _OLD_EVENTS, 0)):
             if event.number <= self._event:
                 browser.queue(msgspec.json.encode(event))
-        if self._encoded:
-            browser.show(self._encoded)
+        if self._picture is not None:
+            browser.show(self._picture)
 
     def remove(self, browser: Browser) -> None:
         """Remove a browser that is gone; with the last of an operator's, so are they."""
@@ -118,14 +121,15 @@ class WebSocketHub:
             encoded = msgspec.json.encode(event)
             for browser in self._browsers:
                 browser.queue(encoded)
-        picture = self._robots.fleet()
-        if picture is self._picture:
+        view = self._robots.fleet()
+        if view is self._view:
             return
-        self._picture = picture
+        self._view = view
         self._changed_ns = self._clock_ns()
-        self._encoded = msgspec.json.encode(picture)
+        self.traces.add(view)
+        self._picture = Picture(view)
         for browser in self._browsers:
-            browser.show(self._encoded)
+            browser.show(self._picture)
 
     def _sweep(self) -> None:
         now_ns = self._clock_ns()

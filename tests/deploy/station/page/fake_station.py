@@ -5,6 +5,7 @@ import asyncio
 import dataclasses
 import threading
 import time
+import zlib
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -12,7 +13,18 @@ from typing import Any, Final, TypeVar
 import msgspec
 from aiohttp import WSMsgType, web
 
-from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView, HelloView, ReplyView, RobotView
+from segway_ecc.deploy.station.views import (
+    Act,
+    Command,
+    Drive,
+    EventView,
+    FleetView,
+    HelloView,
+    ReplyView,
+    RobotView,
+    Seen,
+    SeenView,
+)
 
 PAGE: Final = Path(__file__).parents[4] / "deploy" / "station" / "page"
 CSP: Final = "default-src 'self'"
@@ -37,10 +49,12 @@ class Script:
         robots: What is reported, by namespace.
         sends: Whether pictures are sent at all.
         ticks: Whether their time goes on.
+        late_s: How long they were on the way, s.
         accepts: Whether a socket is taken.
         token: What /login wants; empty for none.
         hello: Said first on each socket.
         events: Told to each new socket.
+        trace: What is kept of a robot's last minutes.
         answers: What commands come to; accepted where not named.
         react: Called with each command, in the station's thread.
     """
@@ -48,10 +62,12 @@ class Script:
     robots: dict[str, RobotView] = dataclasses.field(default_factory=dict)
     sends: bool = True
     ticks: bool = True
+    late_s: float = 0.0
     accepts: bool = True
     token: str = ""
     hello: HelloView = HELLO
     events: list[EventView] = dataclasses.field(default_factory=list)
+    trace: dict[str, list[float | None]] = dataclasses.field(default_factory=lambda: {"time_s": []})
     answers: dict[Act, Answer] = dataclasses.field(default_factory=dict)
     react: Callable[[Command], object] = lambda _: None
 
@@ -66,12 +82,17 @@ class FakeStation:
         self.drives: list[Drive] = []
         self.refused: list[str] = []
         self.ids: list[int] = []
+        self.sent: list[float] = []
+        self.seen: list[float] = []
         self.logins: list[dict[str, str]] = []
         self.fetched: list[str] = []
+        self.traced: list[str] = []
         self.sockets = 0
         self.frames = 0
         self._time_s = 1000.0
+        self._ticked_s = time.monotonic()
         self._open: set[web.WebSocketResponse] = set()
+        self._inflating: set[web.WebSocketResponse] = set()
         self._sessions: set[str] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -123,6 +144,11 @@ class FakeStation:
         goal = self.frames + count
         self.wait(lambda: self.frames >= goal)
 
+    def wait_seen(self, count: int) -> None:
+        """Wait until the page took some more pictures; all but the last of them it has worked off."""
+        goal = len(self.seen) + count
+        self.wait(lambda: len(self.seen) >= goal)
+
     def wait_drives(self, count: int) -> None:
         """Wait until some more set-points came, so that the last was asked after all that the test did."""
         goal = len(self.drives) + count
@@ -140,6 +166,7 @@ class FakeStation:
         app.router.add_post("/logout", self._logout)
         app.router.add_get("/logs", self._fetch)
         app.router.add_get("/robots/{robot}/bundle", self._fetch)
+        app.router.add_get("/robots/{robot}/trace", self._trace)
         app.router.add_get("/socket", self._socket)
         self._runner = web.AppRunner(app)
         await self._runner.setup()
@@ -161,19 +188,31 @@ class FakeStation:
         for socket in list(self._open):
             await socket.close()
 
+    def _now_s(self) -> float:
+        """The station's clock, s; it stands where nothing ticks."""
+        now_s = time.monotonic()
+        self._time_s += now_s - self._ticked_s if self.script.ticks else 0.0
+        self._ticked_s = now_s
+        return self._time_s
+
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(_FRAME_S)
-            self._time_s += _FRAME_S if self.script.ticks else 0.0
+            made_s = self._now_s() - self.script.late_s
             if self.script.sends:
-                await self._send(FleetView(time_s=self._time_s, robots=list(self.script.robots.values())))
+                self.sent.append(made_s)
+                await self._send(FleetView(time_s=made_s, robots=list(self.script.robots.values())))
             self.frames += 1
 
     async def _send(self, view: msgspec.Struct) -> None:
-        data = msgspec.json.encode(view).decode()
+        data = msgspec.json.encode(view)
         for socket in list(self._open):
-            if not socket.closed:
-                await socket.send_str(data)
+            if socket.closed:
+                continue
+            if isinstance(view, FleetView) and socket in self._inflating:
+                await socket.send_bytes(zlib.compress(data))
+            else:
+                await socket.send_str(data.decode())
 
     async def _index(self, _: web.Request) -> web.Response:
         return _file(PAGE / "index.html", "text/html")
@@ -206,6 +245,10 @@ class FakeStation:
         self.fetched.append(request.match_info.get("robot", "logs"))
         return web.Response(body=b"bundle", headers={"Content-Disposition": "attachment; filename=bundle.zip"})
 
+    async def _trace(self, request: web.Request) -> web.Response:
+        self.traced.append(request.match_info["robot"])
+        return web.json_response(self.script.trace)
+
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         known = not self.script.token or request.cookies.get("session") in self._sessions
         if not (self.script.accepts and known):
@@ -216,6 +259,8 @@ class FakeStation:
         for view in (self.script.hello, *self.script.events):
             await socket.send_str(msgspec.json.encode(view).decode())
         self._open.add(socket)
+        if request.query.get("pictures") == "deflate":
+            self._inflating.add(socket)
         async for message in socket:
             if message.type is WSMsgType.TEXT:
                 await self._take(socket, message.data)
@@ -224,9 +269,13 @@ class FakeStation:
 
     async def _take(self, socket: web.WebSocketResponse, data: str) -> None:
         try:
-            asked = msgspec.json.decode(data, type=Command | Drive)
+            asked = msgspec.json.decode(data, type=Command | Drive | Seen)
         except msgspec.DecodeError as error:
             self.refused.append(f"{error}: {data}")
+            return
+        if isinstance(asked, Seen):
+            self.seen.append(asked.time_s)
+            await socket.send_str(msgspec.json.encode(SeenView(time_s=asked.time_s, at_s=self._now_s())).decode())
             return
         self.ids.append(asked.id)
         if isinstance(asked, Drive):

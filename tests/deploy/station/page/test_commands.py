@@ -101,6 +101,36 @@ def test_a_connection_that_breaks_answers_what_was_asked(page: "Page", station: 
     shows(page, "#command-failure", "the connection broke before an answer came")
 
 
+def test_what_a_command_came_to_vanishes_with_the_connection(page: "Page", station: FakeStation) -> None:
+    press(page, "disarm")
+    shows(page, "#command-state", "Disarm Alice: done")
+    station.wait_frames(5)
+    shows(page, "#command-state", "Disarm Alice: done")
+    station.script.sends = False
+    gone(page, "#command-state")
+    station.script.sends = True
+    there(page, "body[data-fresh=true]")
+    assert page.inner_text("#command-state") == ""
+
+
+def test_what_a_command_came_to_vanishes_with_control(page: "Page", station: FakeStation) -> None:
+    press(page, "disarm")
+    shows(page, "#command-state", "Disarm Alice: done")
+    station.wait_frames(5)
+    station.robot(controller="bert")
+    gone(page, "#command-state")
+
+
+def test_that_control_was_given_up_is_shown_until_somebody_has_it(page: "Page", station: FakeStation) -> None:
+    press(page, "release_control")
+    station.robot(controller="")
+    shows(page, "#command-state", "Release control Alice: done")
+    station.wait_frames(5)
+    shows(page, "#command-state", "Release control Alice: done")
+    station.robot(controller="bert")
+    gone(page, "#command-state")
+
+
 def test_stand_and_sit_are_there_where_a_robot_can(page: "Page", station: FakeStation) -> None:
     assert page.locator("[data-act=stand]").is_visible()
     station.robot(can_stand=False)

@@ -42,7 +42,7 @@ def test_stale_picture_is_reported_and_greyed(page: "Page", station: FakeStation
     box = page.locator("#stale").bounding_box()
     assert box is not None
     assert box["width"] == 1280
-    for panel in ("#overview", ".fleet", "#plots", ".checklist"):
+    for panel in ("#summary", "#overview", ".fleet", "#plots", ".checklist"):
         style = page.eval_on_selector(panel, "element => getComputedStyle(element).filter")
         assert style == "grayscale(1)", panel
     assert page.get_attribute("#plots", "data-live") == "false"
@@ -58,6 +58,9 @@ def test_stale_banner_shows_growing_age_and_stays_visible(page: "Page", station:
     there(page, "#stale:not([hidden])")
     page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
     shows(page, "#stale-age", "what you see is 2.")
+    page.wait_for_function(
+        "() => / old, of \\d\\d:\\d\\d:\\d\\d$/.test(document.querySelector('#stale-age').textContent)"
+    )
     box = page.locator("#stale").bounding_box()
     assert box is not None
     assert box["y"] == 0

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What the page shows of what the station tells."""
 
+import re
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -9,6 +11,7 @@ from segway_ecc.deploy.station.views import EventView, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
 from tests.deploy.station.page.page_waits import gone, shows, tells, there
 from tests.deploy.station.page.robot_states import CHECKS, armed, lost
+from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -80,7 +83,8 @@ def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", stati
     station.robot("/bob", **armed(name="Bob"))
     station.robot(**lost())
     shows(page, "#mode", "LOST")
-    shows(page, "#reason", "No message for 3.4 s. It was ARMED: armed by ann")
+    shows(page, "#reason", "No message for 3.4 s, since ")
+    shows(page, "#reason", ". It was ARMED: armed by ann")
     shows(page, "#robots li:first-child", "for 3.4 s")
     station.robot(age_s=65.0)
     shows(page, "#reason", "No message for 1 min 5 s")
@@ -89,6 +93,16 @@ def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", stati
     assert page.get_attribute("#plots", "data-live") == "false"
     shows(page, "#summary", "2 robots \u00b7 1 lost")
     tells(page, "#alarm", "Alice /alice: LOST")
+
+
+def test_of_what_is_lost_is_shown_since_when(page: "Page", station: FakeStation) -> None:
+    station.robot(**{**lost(), "age_s": 3600.0})
+    for element in ("#reason", "#plots-state"):
+        shows(page, element, "1 h 0 min")
+        hour, minute, second = map(int, re.findall(r"\d\d(?=:)|(?<=:)\d\d", page.inner_text(element)))
+        now = time.localtime()
+        ago_s = (now.tm_hour - hour) * 3600 + (now.tm_min - minute) * 60 + now.tm_sec - second
+        assert 3595 <= ago_s % 86400 <= 3600 + PATIENCE_S
 
 
 def test_plots_of_a_lost_robot_stand_still_and_are_grey(page: "Page", station: FakeStation) -> None:

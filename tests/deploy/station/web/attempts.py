@@ -44,6 +44,7 @@ ATTEMPTS = [
     Attempt("the logs with no token", "GET", "/logs", {}, 401, "no session"),
     Attempt("a log with no token", "GET", "/logs/a.mcap", {}, 401, "no session"),
     Attempt("a support bundle with no token", "GET", "/robots/%2Falice/bundle", {}, 401, "no session"),
+    Attempt("the last ten minutes with no token", "GET", "/robots/%2Falice/trace", {}, 401, "no session"),
     Attempt("the counters with no token", "GET", "/refused", {}, 401, "no session"),
     Attempt("the socket with an invented session", "GET", "/socket", UPGRADE | {"Cookie": "S=x"}, 401, "no session"),
     Attempt("log-in with a wrong token", "POST", "/login", JSON, 403, "wrong token", LOGIN),
