@@ -200,6 +200,7 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
         drive_period_s: How often a driving browser is to send, s.
         max_linear: The fastest that the page may request, m/s.
         max_angular: The same for turning, rad/s.
+        fresh_s: A picture that is older is too old to act on, s.
         trials: What can be done to the robot; nothing to a real one.
     """
 
@@ -209,6 +210,7 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     drive_period_s: float
     max_linear: float
     max_angular: float
+    fresh_s: float
     trials: Sequence[TrialView] = ()
 
 

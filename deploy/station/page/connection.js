@@ -3,12 +3,12 @@
 
 import { PictureAge } from "./picture_age.js";
 
-/** A picture older than this is no longer one of the present, ms. */
-const FRESH_MS = 1000;
 /** Where the newest picture was on the way for longer, it is the link that is slow, ms. */
 const LATE_MS = 250;
-/** A socket that is silent for this long is dead, whatever TCP believes, ms. */
-const DEAD_MS = 4000;
+/** Until the station says how old a picture may be, ms. */
+const FIRST_FRESH_MS = 1000;
+/** A socket that is silent for so many times as long is dead, whatever TCP believes. */
+const DEAD_AFTER = 4;
 const CHECK_MS = 100;
 const FIRST_RETRY_MS = 250;
 const LAST_RETRY_MS = 5000;
@@ -32,6 +32,7 @@ export class Connection {
     this.url = url;
     this.handlers = handlers;
     this.isFresh = false;
+    this._freshMs = FIRST_FRESH_MS;
     this._pictureMs = null;
     this._pictureAge = new PictureAge();
     this._nextId = 1;
@@ -113,6 +114,7 @@ export class Connection {
     }
     if (kind === "hello") {
       this._hasHello = true;
+      this._freshMs = 1e3 * fields.fresh_s;
       this._retryMs = FIRST_RETRY_MS;
     }
     if (kind === "fleet" && !this._take(fields.time_s)) return;
@@ -138,13 +140,13 @@ export class Connection {
 
   _check() {
     const now = performance.now();
-    const isCurrent = this._pictureAge.isMeasured && 1e3 * this._pictureAge.ageS(now) < FRESH_MS;
+    const isCurrent = this._pictureAge.isMeasured && 1e3 * this._pictureAge.ageS(now) < this._freshMs;
     const isFresh = this.isOpen && !this._isFirst && isCurrent;
     if (isFresh !== this.isFresh) {
       this.isFresh = isFresh;
       this.handlers.change(isFresh);
     }
-    if (this._socket && now - Math.max(this._pictureMs ?? 0, this._openedMs) > DEAD_MS) this._disconnect();
+    if (this._socket && now - Math.max(this._pictureMs ?? 0, this._openedMs) > DEAD_AFTER * this._freshMs) this._disconnect();
   }
 
   _disconnect() {

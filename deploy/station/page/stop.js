@@ -13,8 +13,6 @@ import { duration, milliseconds, timeOfDay } from "./format.js";
 import { actOf, marksOf, nameOf } from "./keys.js";
 import { titleOf } from "./robots.js";
 
-/** A stop that the station does not report is sent again after this time, ms. */
-const AGAIN_MS = 1000;
 /** A stop that is not confirmed within this time is shown as not confirmed. */
 const SLOW_MS = 1000;
 
@@ -74,8 +72,10 @@ export class Stop {
         latch.isKept = robot.stop_kept || robot.stop === "confirmed";
       }
     }
+    // A picture that may still be believed would have it by now.
+    const againMs = 1e3 * this._now().hello.fresh_s;
     for (const [name, latch] of this._latches) {
-      const isDue = !latch.isSeen && !latch.isKept && performance.now() - latch.sentMs > AGAIN_MS;
+      const isDue = !latch.isSeen && !latch.isKept && performance.now() - latch.sentMs > againMs;
       if (isDue) this._send(robots.find((robot) => robot.robot === name) ?? { robot: name });
     }
   }

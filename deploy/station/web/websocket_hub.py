@@ -19,6 +19,8 @@ from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 from segway_ecc.deploy.station.web.traces import Traces
 
 DRIVE_PERIOD_S: Final = 0.1
+FRESH_S: Final = 1.0
+"""A picture that is older when a browser shows it is too old to act on."""
 _POLL_S: Final = 0.01
 """How often it is checked whether there is a new picture, so that none waits for long; one comes every 50 ms."""
 _SWEEP_NS: Final = 1_000_000_000
@@ -73,6 +75,7 @@ class WebSocketHub:
             drive_period_s=DRIVE_PERIOD_S,
             max_linear=limits.linear_velocity,
             max_angular=limits.angular_velocity,
+            fresh_s=FRESH_S,
             trials=self._robots.trials,
         )
         browser.queue(msgspec.json.encode(hello))

@@ -33,7 +33,7 @@ _DEADLINE_S: Final = 20.0
 _TYPES: Final = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 HELLO: Final = HelloView(
-    who="ann", role="operator", version="0.1.0", drive_period_s=0.05, max_linear=1.0, max_angular=2.0
+    who="ann", role="operator", version="0.1.0", drive_period_s=0.05, max_linear=1.0, max_angular=2.0, fresh_s=1.0
 )
 
 T = TypeVar("T")

@@ -36,6 +36,7 @@ def test_new_socket_receives_hello_events_and_picture(tmp_path: Path) -> None:
                     "drive_period_s": 0.1,
                     "max_linear": 1.0,
                     "max_angular": 2.0,
+                    "fresh_s": 1.0,
                     "trials": [],
                 }
                 assert (await receive(socket, "event"))["text"] == "before"
