@@ -2,10 +2,12 @@
 """A base station that a test controls: it serves the page and speaks the socket, in a thread of its own."""
 
 import asyncio
+import contextlib
 import dataclasses
 import threading
 import time
 import zlib
+from collections import deque
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -25,16 +27,18 @@ from segway_ecc.deploy.station.views import (
     Seen,
     SeenView,
 )
+from tests.patience import PATIENCE_S
 
 PAGE: Final = Path(__file__).parents[4] / "deploy" / "station" / "page"
 CSP: Final = "default-src 'self'"
 _FRAME_S: Final = 0.05
-_DEADLINE_S: Final = 20.0
+_MOST_UNSEEN: Final = 2
 _TYPES: Final = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 HELLO: Final = HelloView(
-    who="ann", role="operator", version="0.1.0", drive_period_s=0.05, max_linear=1.0, max_angular=2.0, fresh_s=1.0
+    who="ann", role="operator", version="0.1.0", drive_period_s=0.05, max_linear=1.0, max_angular=2.0, fresh_s=60.0
 )
+"""Its pictures may be so old that no stall of the machine makes them stale; a test of that says `limit_age`."""
 
 T = TypeVar("T")
 Answer = tuple[bool, str] | None
@@ -73,7 +77,11 @@ class Script:
 
 
 class FakeStation:
-    """Runs the server until it is closed; what it received stands in `commands` and `drives`."""
+    """Runs the server until it is closed; what it received stands in `commands` and `drives`.
+
+    Its time is simulated: it goes on by one period with each picture, and the next is not made before the page has all
+    but one of those before. So a page or a machine that stalls finds no older picture afterwards, and none left out.
+    """
 
     def __init__(self) -> None:
         """Start on a free port of loopback."""
@@ -91,7 +99,9 @@ class FakeStation:
         self.frames = 0
         self._time_s = 1000.0
         self._ticked_s = time.monotonic()
-        self._open: set[web.WebSocketResponse] = set()
+        self._taken = 0
+        self._was_taken = asyncio.Event()
+        self._open: dict[web.WebSocketResponse, deque[tuple[int, float]]] = {}
         self._inflating: set[web.WebSocketResponse] = set()
         self._sessions: set[str] = set()
         self._loop = asyncio.new_event_loop()
@@ -116,6 +126,27 @@ class FakeStation:
         self.script.events.append(event)
         self._call(self._send(event))
 
+    def limit_age(self, fresh_s: float) -> None:
+        """Say anew how old a picture may be, s."""
+        self.script.hello = msgspec.structs.replace(self.script.hello, fresh_s=fresh_s)
+        self._call(self._send(self.script.hello))
+
+    def fall_silent(self) -> None:
+        """Send no more pictures, so that the newest is soon too old."""
+        self._call(self._fall_silent())
+        self.limit_age(1.0)
+
+    def stand_still(self) -> None:
+        """Send pictures whose time stands still, so that it is soon too old."""
+        self.script.ticks = False
+        self.wait_seen(1)
+        self.limit_age(1.0)
+
+    def go_on(self) -> None:
+        """Send pictures again, which may be old."""
+        self.limit_age(HELLO.fresh_s)
+        self.script.ticks = self.script.sends = True
+
     def cut(self) -> None:
         """Close every socket."""
         self._call(self._cut())
@@ -124,7 +155,7 @@ class FakeStation:
         """End the server and its thread."""
         self._call(self._stop())
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(_DEADLINE_S)
+        self._thread.join(PATIENCE_S)
         self._loop.close()
 
     def wait(self, condition: Callable[[], T]) -> T:
@@ -133,21 +164,21 @@ class FakeStation:
         Raises:
             AssertionError: It did not within the deadline.
         """
-        deadline = time.monotonic() + _DEADLINE_S
+        deadline = time.monotonic() + PATIENCE_S
         while not (value := condition()):
             assert time.monotonic() < deadline, "waited in vain"
             time.sleep(0.005)
         return value
 
     def wait_frames(self, count: int) -> None:
-        """Wait until some more pictures were sent, so that the page has had time to do what it should not do."""
+        """Wait until some more pictures were made, so that the page has had time to do what it should not do."""
         goal = self.frames + count
         self.wait(lambda: self.frames >= goal)
 
     def wait_seen(self, count: int) -> None:
-        """Wait until the page took some more pictures; all but the last of them it has worked off."""
-        goal = len(self.seen) + count
-        self.wait(lambda: len(self.seen) >= goal)
+        """Wait until the page took some more pictures that are made from now on."""
+        goal = len(self.sent) + count
+        self.wait(lambda: self._taken >= goal)
 
     def wait_drives(self, count: int) -> None:
         """Wait until some more set-points came, so that the last was asked after all that the test did."""
@@ -155,7 +186,7 @@ class FakeStation:
         self.wait(lambda: len(self.drives) >= goal)
 
     def _call(self, work: Coroutine[Any, Any, T]) -> T:
-        return asyncio.run_coroutine_threadsafe(work, self._loop).result(_DEADLINE_S)
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
 
     async def _start(self) -> int:
         app = web.Application()
@@ -190,29 +221,48 @@ class FakeStation:
 
     def _now_s(self) -> float:
         """The station's clock, s; it stands where nothing ticks."""
-        now_s = time.monotonic()
-        self._time_s += now_s - self._ticked_s if self.script.ticks else 0.0
-        self._ticked_s = now_s
-        return self._time_s
+        since_s = time.monotonic() - self._ticked_s
+        return self._time_s + (min(since_s, _FRAME_S) if self.script.ticks else 0.0)
+
+    @property
+    def _is_ahead(self) -> bool:
+        """Whether a page has yet to take so many pictures that none is made."""
+        most = _MOST_UNSEEN if self.script.sends else 1
+        return any(len(unseen) >= most for unseen in self._open.values())
+
+    async def _fall_silent(self) -> None:
+        self.script.sends = False
+        while any(self._open.values()):
+            await self._next_taken()
+
+    async def _next_taken(self) -> None:
+        self._was_taken.clear()
+        await self._was_taken.wait()
 
     async def _tick(self) -> None:
         while True:
+            while self._is_ahead:
+                await self._next_taken()
             await asyncio.sleep(_FRAME_S)
-            made_s = self._now_s() - self.script.late_s
+            self._time_s += _FRAME_S if self.script.ticks else 0.0
+            self._ticked_s = time.monotonic()
             if self.script.sends:
+                made_s = self._time_s - self.script.late_s
                 self.sent.append(made_s)
+                for unseen in self._open.values():
+                    unseen.append((len(self.sent), made_s))
                 await self._send(FleetView(time_s=made_s, robots=list(self.script.robots.values())))
             self.frames += 1
 
     async def _send(self, view: msgspec.Struct) -> None:
         data = msgspec.json.encode(view)
         for socket in list(self._open):
-            if socket.closed:
-                continue
-            if isinstance(view, FleetView) and socket in self._inflating:
-                await socket.send_bytes(zlib.compress(data))
-            else:
-                await socket.send_str(data.decode())
+            # A page that is left or reloads is gone in the midst of it.
+            with contextlib.suppress(ConnectionError):
+                if isinstance(view, FleetView) and socket in self._inflating:
+                    await socket.send_bytes(zlib.compress(data))
+                else:
+                    await socket.send_str(data.decode())
 
     async def _index(self, _: web.Request) -> web.Response:
         return _file(PAGE / "index.html", "text/html")
@@ -258,14 +308,25 @@ class FakeStation:
         self.sockets += 1
         for view in (self.script.hello, *self.script.events):
             await socket.send_str(msgspec.json.encode(view).decode())
-        self._open.add(socket)
+        self._open[socket] = deque()
         if request.query.get("pictures") == "deflate":
             self._inflating.add(socket)
-        async for message in socket:
-            if message.type is WSMsgType.TEXT:
-                await self._take(socket, message.data)
-        self._open.discard(socket)
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    with contextlib.suppress(ConnectionError):
+                        await self._take(socket, message.data)
+        finally:
+            self._open.pop(socket, None)
+            self._was_taken.set()
         return socket
+
+    def _note(self, unseen: deque[tuple[int, float]], time_s: float) -> None:
+        while any(made_s == time_s for _, made_s in unseen):
+            number, made_s = unseen.popleft()
+            self._taken = max(self._taken, number)
+            if made_s == time_s:
+                return
 
     async def _take(self, socket: web.WebSocketResponse, data: str) -> None:
         try:
@@ -275,6 +336,8 @@ class FakeStation:
             return
         if isinstance(asked, Seen):
             self.seen.append(asked.time_s)
+            self._note(self._open[socket], asked.time_s)
+            self._was_taken.set()
             await socket.send_str(msgspec.json.encode(SeenView(time_s=asked.time_s, at_s=self._now_s())).decode())
             return
         self.ids.append(asked.id)

@@ -103,20 +103,20 @@ def test_a_connection_that_breaks_answers_what_was_asked(page: "Page", station: 
 
 def test_what_a_command_came_to_vanishes_with_the_connection(page: "Page", station: FakeStation) -> None:
     press(page, "disarm")
-    shows(page, "#command-state", "Disarm Alice: done")
-    station.wait_frames(5)
-    shows(page, "#command-state", "Disarm Alice: done")
-    station.script.sends = False
+    shows(page, "#command-state", "Disarm Alice /alice: done")
+    station.wait_seen(5)
+    shows(page, "#command-state", "Disarm Alice /alice: done")
+    station.fall_silent()
     gone(page, "#command-state")
-    station.script.sends = True
+    station.go_on()
     there(page, "body[data-fresh=true]")
     assert page.inner_text("#command-state") == ""
 
 
 def test_what_a_command_came_to_vanishes_with_control(page: "Page", station: FakeStation) -> None:
     press(page, "disarm")
-    shows(page, "#command-state", "Disarm Alice: done")
-    station.wait_frames(5)
+    shows(page, "#command-state", "Disarm Alice /alice: done")
+    station.wait_seen(2)
     station.robot(controller="bert")
     gone(page, "#command-state")
 
@@ -124,9 +124,9 @@ def test_what_a_command_came_to_vanishes_with_control(page: "Page", station: Fak
 def test_that_control_was_given_up_is_shown_until_somebody_has_it(page: "Page", station: FakeStation) -> None:
     press(page, "release_control")
     station.robot(controller="")
-    shows(page, "#command-state", "Release control Alice: done")
-    station.wait_frames(5)
-    shows(page, "#command-state", "Release control Alice: done")
+    shows(page, "#command-state", "Release control Alice /alice: done")
+    station.wait_seen(5)
+    shows(page, "#command-state", "Release control Alice /alice: done")
     station.robot(controller="bert")
     gone(page, "#command-state")
 

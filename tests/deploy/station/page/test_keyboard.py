@@ -9,7 +9,7 @@ import pytest
 from segway_ecc.deploy.station.views import Act, TrialView
 from segway_ecc.hil.play.keys import KEYS
 from tests.deploy.station.page.fake_station import HELLO, FakeStation
-from tests.deploy.station.page.page_waits import gone, shows, there
+from tests.deploy.station.page.page_waits import gone, load_again, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -62,7 +62,7 @@ def test_a_key_does_what_its_button_does(page: "Page", station: FakeStation, act
 def test_the_demos_keys_do_what_its_buttons_do(page: "Page", station: FakeStation, key: str, name: str) -> None:
     page.keyboard.press(key)
     station.script.hello = msgspec.structs.replace(HELLO, trials=TRIALS)
-    page.reload()
+    load_again(page)
     there(page, "#trials")
     assert station.commands == [], "a real robot has no such key"
     page.keyboard.press(key)
@@ -79,7 +79,7 @@ def test_the_keys_that_do_something_are_shown(page: "Page", station: FakeStation
     station.wait_frames(2)
     assert _shown(page) == ALWAYS
     station.script.hello = msgspec.structs.replace(HELLO, trials=TRIALS)
-    page.reload()
+    load_again(page)
     there(page, "#trials")
     assert _shown(page)[-3:] == ["P push", "B cut the bus", "R repair"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import gone, shows, there
+from tests.deploy.station.page.page_waits import gone, load_again, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -49,9 +49,10 @@ def test_no_line_is_drawn_through_silence(page: "Page", station: FakeStation) ->
     station.script.sends = False
     station.wait_frames(40)
     station.script.sends = True
-    there(page, "body[data-fresh=true]")
-    station.wait_frames(20)
-    page.wait_for_function("() => document.querySelector('#plots').dataset.live === 'true'")
+    station.wait_seen(20)
+    page.wait_for_function(
+        "(newest) => Number(document.querySelector('#plots').dataset.newest) >= newest", arg=station.sent[-3]
+    )
     assert _longest_gap(page.evaluate(COLUMNS)) >= 40, "2 s of 20 s, which are some 500 dots"
 
 
@@ -113,7 +114,7 @@ def _trace(station: FakeStation) -> dict[str, list[float | None]]:
 def test_the_last_ten_minutes_are_there_after_a_reload(page: "Page", station: FakeStation) -> None:
     there(page, "#plots[data-newest] canvas")
     station.script.trace = _trace(station)
-    page.reload()
+    load_again(page)
     oldest = station.script.trace["time_s"][0]
     page.wait_for_function("(oldest) => Number(document.querySelector('#plots').dataset.oldest) === oldest", arg=oldest)
     assert station.traced[-1] == "/alice"
