@@ -5,10 +5,8 @@ import { attribute, byId, keep, make, text, visible } from "./dom.js";
 import { duration } from "./format.js";
 import { stateOf, wordOf } from "./state.js";
 
-const nameOf = (robot) => robot.name || robot.robot;
-
-/** What the operator calls it: with its namespace, as two may have the same name; that of the root is left out. */
-export const titleOf = (robot) => (robot.name && robot.robot !== "/" ? `${robot.name} ${robot.robot}` : nameOf(robot));
+/** What the operator calls it. */
+export const titleOf = (robot) => robot.name || robot.robot;
 
 function row(namespace, choose) {
   const title = make("span", "robot-title");
@@ -48,7 +46,7 @@ export class RobotList {
     const rows = keep(byId("robots"), this._rows, names, (name) => row(name, this._choose));
     robots.forEach((robot, index) => {
       const { button, title, mode, age } = rows[index];
-      text(title, nameOf(robot)); // its namespace stands beside it
+      text(title, titleOf(robot));
       text(mode, wordOf(robot));
       attribute(mode, "data-mode", stateOf(robot).kind);
       text(age, note(robot, since));

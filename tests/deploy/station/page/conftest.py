@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import loaded
+from tests.deploy.station.page.page_waits import there
 from tests.deploy.station.page.robot_states import armed
 from tests.patience import PATIENCE_S
 
@@ -28,8 +28,7 @@ def browser() -> "Iterator[Browser]":
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it may not be there
 
     with sync_playwright() as playwright:
-        args = ["--no-sandbox"]
-        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=args, timeout=PATIENCE_S * 1e3)
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
         yield chromium
         chromium.close()
 
@@ -93,7 +92,8 @@ def _tab(browser: "Browser", **options: Any) -> Iterator[Tab]:
 def _opened(tab: Tab, url: str) -> "Iterator[Page]":
     tab.clean()
     tab.page.goto(url)
-    loaded(tab.page)
+    there(tab.page, "body[data-fresh=true]")
+    there(tab.page, "#robot:not([hidden])")
     yield tab.page
     tab.page.goto("about:blank")
     assert tab.complaints == []
