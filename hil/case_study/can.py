@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from itertools import starmap
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 import msgspec
 
@@ -95,8 +95,7 @@ class RealTimeCanSeat:
                 if stalls.text and not own and self._is_spoiled(error, manoeuvre):
                     raise SpoiledRunError(str(error)) from error
                 raise
-            lateness, longest_s = played["timing"]["lateness"], seen.stalls().longest_s
-            stall_s = longest_s if longest_s >= STALL_S else 0.0
+            lateness, stall_s = played["timing"]["lateness"], seen.stalls().stall_s
             self.timings[name] = LoopTiming(lateness["p99_s"], lateness["max_s"], played["skipped"], stall_s)
         return SeatRun(found)
 
@@ -110,7 +109,7 @@ class RealTimeCanSeat:
 
     def _is_spoiled(self, error: RigError, manoeuvre: Manoeuvre) -> bool:
         """Whether the robot gave up or never armed, as where drives or deadlines are late, and not so in lock step."""
-        if not isinstance(error, ProcessFailedError) or error.ended_with != RobotLostError.exit_code:
+        if not _gave_up(error):
             return False
         try:
             LockstepCanSeat(None, self._robot).run("", manoeuvre)
@@ -159,6 +158,11 @@ class RealTimeCanSeat:
         return trajectory(Seat.CAN, points), played
 
 
+def _gave_up(error: RigError) -> TypeGuard[ProcessFailedError]:
+    """Whether the robot gave the manoeuvre up, or was never armed."""
+    return isinstance(error, ProcessFailedError) and error.ended_with == RobotLostError.exit_code
+
+
 def _own_rest(error: RigError, stalls: Stalls) -> str:
     """Whether a process did nothing although nothing kept it from it, as text: no stall of the machine excuses that.
 
@@ -166,7 +170,7 @@ def _own_rest(error: RigError, stalls: Stalls) -> str:
     """
     plant_s, robot_s = stalls.idle_s or (0.0, 0.0)
     late_s = 0.0
-    if isinstance(error, ProcessFailedError) and error.ended_with == RobotLostError.exit_code and error.printed:
+    if _gave_up(error) and error.printed:
         late_s = error.printed["timing"]["lateness"]["max_s"]
     for who, idle_s in (("plant", plant_s), ("robot", min(robot_s, late_s + STALL_S))):
         if idle_s > IDLE_S:

@@ -52,10 +52,15 @@ class Stalls(NamedTuple):
     idle_s: tuple[float, ...] = ()
 
     @property
+    def stall_s(self) -> float:
+        """The longest gap where it is a stall; 0 where there was none."""
+        return self.longest_s if self.longest_s >= STALL_S else 0.0
+
+    @property
     def text(self) -> str:
         """How the machine stalled, empty where it did not; shorter gaps than a stall are left out."""
-        if self.longest_s >= STALL_S:
-            return f"the machine stalled for up to {self.longest_s * 1e3:.0f} ms"
+        if self.stall_s:
+            return f"the machine stalled for up to {self.stall_s * 1e3:.0f} ms"
         if self.in_a_second_s >= CROWDED_S:
             return f"the machine stalled for {self.in_a_second_s * 1e3:.0f} ms of a second"
         return ""
@@ -198,10 +203,11 @@ def _answer() -> None:
     for question in sys.stdin:
         process = question.removeprefix(_WATCH).strip()
         every = [*cores.values(), *(each.gaps for each in watched)]
-        longest_s, in_a_second_s = (
-            max(each) for each in zip(*((g.longest_s, g.in_a_second_s) for g in every), strict=True)
+        found = Stalls(
+            max(gaps.longest_s for gaps in every),
+            max(gaps.in_a_second_s for gaps in every),
+            tuple(each.longest_idle_s for each in watched),
         )
-        idle_s = tuple(each.longest_idle_s for each in watched)
         if process.isdigit():
             watched.append(Watched(int(process)))
         else:
@@ -209,7 +215,7 @@ def _answer() -> None:
                 gaps.clear()
             for each in watched:
                 each.longest_idle_s = 0.0
-        sys.stdout.buffer.write(msgspec.json.encode(Stalls(longest_s, in_a_second_s, idle_s)) + b"\n")
+        sys.stdout.buffer.write(msgspec.json.encode(found) + b"\n")
         sys.stdout.flush()
 
 

@@ -8,14 +8,14 @@ from typing import Final, Literal
 from segway_ecc.node.config import decode_robot
 from segway_ecc.node.errors import ConfigurationError
 
-DIGITS: Final = 6
+_DIGITS: Final = 6
 """Of a number that was worked out, in a robot file."""
 _PARAMETERS: Final = re.compile(r"^  parameters:.*\n(?:    .*\n)*", re.MULTILINE)
 
 
 def rounded(values: Mapping[str, float]) -> dict[str, float]:
     """Numbers that were worked out, as a robot file has them."""
-    return {name: float(f"{value:.{DIGITS}g}") for name, value in values.items()}
+    return {name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}
 
 
 def with_parameters(text: str, block: Literal["model", "simulation"], parameters: Mapping[str, float]) -> str:

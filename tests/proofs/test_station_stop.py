@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import pytest
 
+from tests.chromium import chromium
 from tests.deploy.station.whole_stack import (
     NAMESPACE,
     OperatorPage,
     Stack,
-    chromium,
     operator_page_at,
     ros_of_our_own,
     until,

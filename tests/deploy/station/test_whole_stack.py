@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.chromium import chromium
 from tests.deploy.station.whole_stack import (
     DOWN,
     NAMESPACE,
     OperatorPage,
     Stack,
-    chromium,
     operator_page_at,
     ros_of_our_own,
     until,

@@ -204,16 +204,6 @@ class OperatorPage:
 
 
 @contextlib.contextmanager
-def chromium() -> "Iterator[Browser]":
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it may not be there
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@contextlib.contextmanager
 def operator_page_at(browser: "Browser", url: str, pictures: Path | None = None) -> Iterator[OperatorPage]:
     """A page that is open; what it complains of fails the test."""
     width, height = SIZES["desktop"]

@@ -2,19 +2,18 @@
 """The report in a browser: what belongs to a run is read without scrolling."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from segway_ecc.hil.campaign.page import render
 from segway_ecc.hil.campaign.scenario import ScenarioResult
+from tests.chromium import chromium
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 pytestmark = pytest.mark.browser
-CHROMIUM = Path("/usr/bin/chromium")
 RESULT = ScenarioResult(
     source="/srv/robots/workshop/scenarios/wheel-speed-frozen-while-it-turns.yaml",
     scenario="wheel-speed-frozen-while-it-turns@0.25",
@@ -43,12 +42,8 @@ WITHIN = """() => [...document.querySelectorAll("code, .again span")].map((each)
 
 @pytest.fixture(scope="module")
 def browser() -> "Iterator[Browser]":
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it may not be there
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
+    with chromium() as found:
+        yield found
 
 
 @pytest.mark.parametrize("width", [1280, 800, 390])

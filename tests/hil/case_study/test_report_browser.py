@@ -7,7 +7,7 @@ import pytest
 
 from segway_ecc.hil.case_study.report import render
 from segway_ecc.hil.case_study.study import Seat
-from tests.deploy.station.page.conftest import CHROMIUM
+from tests.chromium import chromium
 from tests.hil.case_study.test_report import study_of
 
 pytestmark = pytest.mark.browser
@@ -18,17 +18,13 @@ CLIPPED = """() => [document.documentElement, ...document.querySelectorAll(".wid
 
 
 def test_at_1280_pixels_beside_a_scroll_bar_every_column_of_every_seat_is_in_view(tmp_path: Path) -> None:
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it may not be there
-
     report = tmp_path / "report.html"
     report.write_text(render(study_of(*Seat)), "utf-8")
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
-        page = chromium.new_page(viewport={"width": 1265, "height": 800})
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1265, "height": 800})
         page.goto(report.as_uri())
         columns = page.locator("tbody tr").first.locator("th, td").count()
         clipped = page.evaluate(CLIPPED)
-        chromium.close()
 
     assert columns == 4 + len(Seat) + 1 + len(Seat)
     assert clipped == []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.chromium import OPTIONS
 from tests.deploy.station.web.serving import served
 from tests.deploy.station.web.test_downloads import ScriptedArchive, alice_and_others
 
@@ -23,7 +24,7 @@ def test_a_log_is_fetched_and_downloaded_by_hand(tmp_path: Path) -> None:
         async with (
             served(tmp_path, station=alice_and_others(), archive=archive) as here,
             async_playwright() as playwright,
-            await playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"]) as chromium,
+            await playwright.chromium.launch(**OPTIONS) as chromium,
         ):
             page = await chromium.new_page()
             await page.goto(here.url)
