@@ -56,11 +56,18 @@ class WatchTask(msgspec.Struct, frozen=True):
 
 
 class WatchedProcess:
-    """A process of which a call is timed."""
+    """A process of which a call is timed.
 
-    def __init__(self, pid: int) -> None:
-        """Watch the process of this number, which must be there."""
-        self.pidfd = os.pidfd_open(pid)
+    Attributes:
+        pidfd: Its descriptor, which can be read from when it has ended. A number would be given to another in time, and
+            the parent of a process whose own has ended is init, or whoever looks after orphans.
+    """
+
+    def __init__(self, pidfd: int) -> None:
+        """Watch the process of this descriptor (pidfd_open(2)), which may have ended."""
+        info = Path(f"/proc/self/fdinfo/{pidfd}").read_text()
+        pid = int(info.partition("\nPid:")[2].split()[0])  # -1 where it has ended and was waited for: proc(5)
+        self.pidfd = pidfd
         self._threads = Path(f"/proc/{pid}/task")
         self._clock = (~pid << 3) | 2  # CLOCK_PROCESS_CPUTIME_ID of another process: clock_getcpuclockid(3)
         self._seen: Seen | None = None
@@ -73,12 +80,12 @@ class WatchedProcess:
         if seen.call is Call.NONE or seen != self._seen:
             self._held_ns, self._used_ns = 0, None
         else:
-            used_ns = time.clock_gettime_ns(self._clock)
+            used_ns = self._time_used_ns()
             passed_ns = min(now_ns - self._looked_ns, 2 * pause_ns)  # what we were late by is nobody's fault
             states = self._states()
             if states and states <= _WAITS:  # for something that does not come from this process
                 self._held_ns += passed_ns
-            elif states.isdisjoint("Tt") and self._used_ns is not None:
+            elif states.isdisjoint("Tt") and used_ns is not None and self._used_ns is not None:
                 self._held_ns += min(used_ns - self._used_ns, passed_ns)
             self._used_ns = used_ns
         self._seen, self._looked_ns = seen, now_ns
@@ -95,6 +102,12 @@ class WatchedProcess:
     def has_thread(self, number: int) -> bool:
         """Whether the thread of this number is one of its own."""
         return (self._threads / str(number)).exists()
+
+    def _time_used_ns(self) -> int | None:
+        try:
+            return time.clock_gettime_ns(self._clock)
+        except OSError:  # it has ended
+            return None
 
     def _states(self) -> set[str]:
         """Those of its threads, as proc(5) has them: it may wait for one of its own, which waits for a processor."""
@@ -126,7 +139,9 @@ class ModelWatcher:
 
     def run(self) -> str:
         """Watch; returns what is to be reported of how it ended, empty for nothing."""
-        sources = [self._source] if self.exits is None else [self._source, self.exits.descriptor]
+        sources = [self._source, self._process.pidfd]
+        if self.exits is not None:
+            sources.append(self.exits.descriptor)
         while not self._task.is_over:
             pause_ns = min(self._task.limit_ns // _LOOKS, _LONGEST_PAUSE_NS)
             ready = select.select(sources, [], [], pause_ns / _NS_PER_S)[0]
@@ -137,6 +152,8 @@ class ModelWatcher:
                 self._take(sent)
             elif self.exits is not None and ready and not self.exits.answer(self._may_end):
                 return self._end("it ended the process with status 0, as by _exit")
+            elif self._process.pidfd in ready and not select.select([self._source], [], [], 0.0)[0]:
+                return self._ended()  # and what it has forked holds its files open
             seen = self._page.look()
             limit_ns = self._limit_ns(seen.call)
             if limit_ns and self._process.held_ns(seen, pause_ns) > limit_ns:
@@ -194,15 +211,16 @@ class ModelWatcher:
 
 
 def main() -> int:
-    """Run as a process: `PAGE OUTPUT EXITS`, file descriptors of its parent's, and what model is loaded at first."""
+    """Run as a process: `PROCESS PAGE OUTPUT EXITS`, file descriptors, and what model is loaded at first."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGABRT):  # which end what is watched, and are to be reported
         signal.signal(number, signal.SIG_IGN)
-    page, pipe, handed, task = int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), WatchTask(sys.argv[4])
+    pidfd, page, pipe, handed = map(int, sys.argv[1:5])
+    task = WatchTask(sys.argv[5])
     output = ModelOutput(pipe, _write, name=task.name)
     threading.Thread(target=output.run, daemon=True).start()
     with contextlib.suppress(OSError):  # above the loop, which a call that never returns would not leave
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
-    watcher = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(os.getppid()), output, task)
+    watcher = ModelWatcher(sys.stdin.fileno(), CallPage(page), WatchedProcess(pidfd), output, task)
     watcher.exits = receive_exits(handed)
     report = watcher.run()
     output.finish(_OUTPUT_S)

@@ -102,7 +102,7 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
 
     Until `ModelWatchdog.watch` is called, the model of this `source` is being loaded.
     """
-    memory = os.memfd_create("segway-ecc-calls")
+    memory, pidfd = os.memfd_create("segway-ecc-calls"), os.pidfd_open(os.getpid())
     pipe, printed = os.pipe()
     try:
         os.ftruncate(memory, mmap.PAGESIZE)
@@ -114,7 +114,7 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
         name = printable(shortened(source.replace("\0", " ")))  # with the arguments: it may be needed at once
         ours, theirs = socket.socketpair()
         with ours, theirs:
-            given = memory, pipe, theirs.fileno()
+            given = pidfd, memory, pipe, theirs.fileno()
             process = start_helper(_MODULE, (*map(str, given), name), given)
             exits = _handed_over(ours)
         watchdog = ModelWatchdog(page, process, StandIn(process, exits, source))
@@ -124,7 +124,7 @@ def model_watchdog(source: str) -> Iterator[ModelWatchdog]:
         finally:
             watchdog.end()
     finally:
-        for descriptor in (memory, pipe, printed):
+        for descriptor in (memory, pidfd, pipe, printed):
             os.close(descriptor)
 
 
