@@ -33,6 +33,7 @@ done
 user=()
 work=$(mktemp -d)
 load=()
+testing=
 if ((EUID == 0)); then
     user=(env USER=busy LOGNAME=busy HOME="$work" setpriv --reuid 65534 --regid 65534 --clear-groups)
     chown 65534:65534 "$work"
@@ -49,8 +50,14 @@ end_load() {
     done
     load=()
 }
-# Each part of the load ends with this script, even where it is killed: see --pdeathsig.
-trap 'end_load; rm -rf "$work"' EXIT
+# shellcheck disable=SC2329 # the trap below calls it
+end_tests() {
+    [[ -n $testing ]] || return 0
+    kill -TERM -- "-$testing" "$testing" 2> /dev/null || true
+    wait "$testing" 2> /dev/null || true
+}
+# Each part of the load and the tests end with this script, even where it is killed: see --pdeathsig.
+trap 'end_tests; end_load; rm -rf "$work"' EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM HUP
 
@@ -164,8 +171,12 @@ tests_under() {
     for ((number = 1; number <= test_runs; number++)); do
         log=$work/tests_$number.log begun=$SECONDS status=0
         # In a session of its own, as in a terminal: kernels that share the processors by session give the load as much.
-        (cd "$tree" && "${user[@]}" setsid --wait setpriv --pdeathsig TERM env "${tests[@]}") > "$log" 2>&1 < /dev/null ||
-            status=$?
+        # Waited for, as a signal to this script is handled only then; what is in the background ignores Ctrl-C.
+        (cd "$tree" && exec env --default-signal=INT,QUIT "${user[@]}" setsid setpriv --pdeathsig TERM env "${tests[@]}") \
+            > "$log" 2>&1 < /dev/null &
+        testing=$!
+        wait "$testing" || status=$?
+        testing=
         outcome=ok
         if ((status == 0)); then
             succeeded=$((succeeded + 1))

@@ -4,9 +4,11 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -40,9 +42,8 @@ def put(path: Path, body: str) -> None:
     path.chmod(0o755)
 
 
-def busy(
-    tools: Path, *words: str, factor: Any = 1000, lasts_s: Any = 0.0, **cell: Any
-) -> subprocess.CompletedProcess[str]:
+def prepared(tools: Path, factor: Any = 1000, lasts_s: Any = 0.0, **cell: Any) -> dict[str, str]:
+    """The environment of a script whose study takes so long and finds such a cell."""
     found = {"cells": [CELL | cell], "real_time": None, "repeated": ["one"]}
     put(tools / "study", f"sleep {lasts_s}\ncat << END\n{json.dumps(found)}\nEND")
     for name in ("pids", "pids.tests"):
@@ -51,6 +52,11 @@ def busy(
     path = f"{tools}:{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "SEGWAY_ECC": str(tools / "study"), "PIDS": str(tools / "pids")}
     environment["FACTOR"] = str(factor)
+    return environment
+
+
+def busy(tools: Path, *words: str, **found: Any) -> subprocess.CompletedProcess[str]:
+    environment = prepared(tools, **found)
     return subprocess.run([SCRIPT, *words], env=environment, capture_output=True, text=True, check=False, timeout=60)
 
 
@@ -100,6 +106,18 @@ def test_the_test_run_is_counted_and_its_failures_are_named(tools: Path) -> None
     assert "2 of 3 test runs succeeded" in done.stdout
     users = {line.split()[0] for line in (tools / "pids.tests").read_text("utf-8").splitlines()}
     assert users == {str(os.geteuid() or 65534)}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_tests_end_with_the_script(tools: Path, number: signal.Signals) -> None:
+    put(tools / "make", """case $* in *.venv/.ready) exit 0 ;; esac\necho $$ >> "$PIDS.tests"\nexec sleep 60""")
+    environment = prepared(tools, **GOOD)
+    with subprocess.Popen([SCRIPT, "1", "1"], env=environment, stdout=subprocess.PIPE) as script:
+        while not (pids := (tools / "pids.tests").read_text("utf-8").split()):
+            time.sleep(0.01)
+        script.send_signal(number)
+        assert script.wait() == 128 + number
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
 
 
 @pytest.mark.parametrize("words", ["0", "many", "-1"])
