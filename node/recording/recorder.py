@@ -80,7 +80,13 @@ class ProcessRecorder:
             self._process = start_helper("segway_ecc.node.recording.writer", (str(memory),), (memory,))
         finally:
             os.close(memory)
-        send_task(self._process, RecorderSettings(str(path), layout, provenance, bounds or LogQuota()))
+        try:
+            send_task(self._process, RecorderSettings(str(path), layout, provenance, bounds or LogQuota()))
+        except BrokenPipeError:
+            status = end_helper(self._process, _CLOSE_S)
+            raise RecordingError(
+                f"cannot write the log {path}: the process that writes it ended as it started, with status {status}"
+            ) from None
 
     def write(self, record: CycleRecord) -> None:
         """Hand over a cycle; one that finds no room is dropped and counted."""

@@ -108,7 +108,8 @@ def run(options: argparse.Namespace) -> int:
                 _logger.warning("model '%s': %s", watched.name, watched.inputs_text)
                 raise
         _logger.info("stopped: %s", loop.stop_reason)
-    _report(options, loop, stage)
+    with contextlib.suppress(BrokenPipeError):  # nobody reads it, and how the run ended counts all the same
+        _report(options, loop, stage)
     if isinstance(stage, ManoeuvreStage):
         _check_played(stage, loop, cycles)
     if isinstance(recorder, ProcessRecorder) and recorder.dropped:

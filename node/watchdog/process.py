@@ -189,13 +189,9 @@ class ModelWatcher:
         fault, seen = self._output.reason, self._page.look()
         if seen.call is Call.LOAD and not fault:  # as by Ctrl-C
             return f"the process ended while {self._model} was loaded"
-        if seen.call is not Call.NONE:
-            return (
-                f"{self._where(seen)}: {fault or 'its process ended without a reason (as by _exit, exec, or a kill)'}"
-            )
-        if fault:
-            return f"{self._where(seen)}: {fault}"
-        return ""  # whoever killed it knows
+        if seen.call is Call.NONE and not fault:
+            return f"{self._where(seen)}, without a reason (as by a timer's signal, or a kill)"
+        return f"{self._where(seen)}: {fault or 'its process ended without a reason (as by _exit, exec, or a kill)'}"
 
     @property
     def _model(self) -> str:

@@ -23,7 +23,7 @@ from segway_ecc.node.watchdog.exits import Exits, hand_over_exits
 from segway_ecc.node.watchdog.page import Call, CallPage
 from segway_ecc.node.watchdog.process import LONG_NS, WatchTask
 from segway_ecc.node.watchdog.stand_in import StandIn
-from segway_ecc.node.watchdog.watched_model import WatchedModel, watched
+from segway_ecc.node.watchdog.watched_model import WatchedModel, end_fork, watched
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -69,6 +69,7 @@ class ModelWatchdog:
         """Record calls in `page`, at which `process` looks; at first a model is being loaded."""
         self._page = page
         self._process = process
+        self._parent = os.getpid()
         self._stand_in = stand_in
 
     def load(self, source: str) -> None:
@@ -79,6 +80,8 @@ class ModelWatchdog:
 
     def watch(self, model: Model, limit_ns: int = LONG_NS) -> WatchedModel:
         """The same model, watched: what a call may take that a cycle waits for is `limit_ns`."""
+        if os.getpid() != self._parent:
+            end_fork(model.name)
         self._stand_in.name, names = model.name, tuple(variable.name for variable in model.inputs)
         self._page.leave()
         self._page.resize(len(names))

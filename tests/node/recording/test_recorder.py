@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -20,6 +21,7 @@ from mcap_ros2.decoder import DecoderFactory
 from msgspec.structs import replace
 
 from segway_ecc.hil.rig.simulation import LockstepRig
+from segway_ecc.node import helper
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -72,6 +74,22 @@ def wait_for(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < give_up_s
         time.sleep(0.02)
+
+
+def test_a_writer_that_does_not_start_is_an_error_of_the_log(
+    path: Path, layout: CycleLayout, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    start = helper.start_helper
+
+    def started(*words: Any) -> Any:
+        process = start(*words)
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        return process
+
+    monkeypatch.setattr("segway_ecc.node.recording.recorder.start_helper", started)
+    with pytest.raises(RecordingError, match="the process that writes it ended as it started, with status 1"):
+        ProcessRecorder(path, layout, Provenance({}, {}))
 
 
 def test_every_cycle_arrives_in_order(

@@ -171,6 +171,19 @@ def test_the_exit_of_a_program_that_a_model_starts_is_its_own(folder: Path) -> N
     assert (ended.code, [line for line in ended.errors if "Tank" in line]) == (0, [])
 
 
+def test_a_fork_that_comes_back_is_no_second_controller(folder: Path) -> None:
+    ended = drive(folder, f"self.steps > {CYCLE + 1} or os.fork()", "--json")
+    assert ended.code == 0
+    assert json.loads(ended.out)["cycles"] == 100
+    assert "model 'Tank' forked the process, and its fork came back from the call: only the fork was" in ended.line
+
+
+def test_a_model_that_has_the_process_ended_between_two_calls_is_reported(folder: Path) -> None:
+    ended = drive(folder, "signal.setitimer(signal.ITIMER_REAL, 0.002)")
+    assert ended.code == -signal.SIGALRM
+    assert re.search("process ended .*without a reason", ended.line)  # late, it comes in the next call
+
+
 def test_a_thread_that_a_model_has_started_and_that_ends_the_process_is_reported(folder: Path) -> None:
     ended = drive(folder, "__import__('threading').Thread(target=libc._exit, args=(0,)).start()")
     assert ended.code == -signal.SIGABRT

@@ -142,3 +142,32 @@ def test_of_more_inputs_than_a_page_holds_the_first_are_kept(page: CallPage) -> 
 def test_a_page_that_the_model_has_overwritten_is_read_as_no_call(page: CallPage) -> None:
     page._map[:] = b"\xff" * mmap.PAGESIZE
     assert page.look().call is Call.NONE
+
+
+def test_what_a_step_gives_is_taken_while_it_is_watched(page: CallPage) -> None:
+    class Slow:
+        name, step_size, inputs, outputs, parameters, states = "slow", 0.1, (), (), (), ()
+
+        def __init__(self) -> None:
+            self.seen: list[Call] = []
+
+        @property
+        def stopped(self) -> bool:
+            self.seen.append(page.look().call)
+            return True
+
+        def step(self, u: Sequence[float]) -> Any:
+            for each in u:
+                self.seen.append(page.look().call)
+                yield each
+
+        def read(self, name: str) -> Any:
+            return SimpleNamespace(__float__=None) if name == "x" else 3
+
+    slow: Any = Slow()
+    model = watch(slow, page)
+    assert (model.step([1.0, 2.0]), model.stopped, model.read("y")) == ([1.0, 2.0], True, 3.0)
+    assert slow.seen == [Call.STEP] * 3
+    assert page.look().call is Call.NONE
+    with pytest.raises(TypeError):
+        model.read("x")
