@@ -16,15 +16,20 @@ def shortened(text: str) -> str:
 
 def failure_text(error: BaseException) -> str:
     """What an exception of a model says, which may be anything, in one line with the place where it was raised."""
-    try:
-        text = printable(" ".join(str(error).split()))
-    except Exception:  # noqa: BLE001 - an exception of a model may fail at that too
-        text = "it cannot be shown"
     where = error.__traceback__
     while where is not None and where.tb_next is not None:
         where = where.tb_next
     place = "" if where is None else f" ({where.tb_frame.f_code.co_filename}:{where.tb_lineno})"
-    return f"{type(error).__name__}{': ' if text else ''}{shortened(text)}{place}"
+    return f"{exception_text(error)}{place}"
+
+
+def exception_text(error: BaseException) -> str:
+    """The same without the place."""
+    try:
+        text = printable(" ".join(str(error).split()))
+    except BaseException:  # noqa: BLE001 - an exception of a model may fail at that too, even by SystemExit
+        text = "it cannot be shown"
+    return f"{type(error).__name__}{': ' if text else ''}{shortened(text)}"
 
 
 def printable(text: str) -> str:

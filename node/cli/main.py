@@ -17,8 +17,11 @@ import contextlib
 import difflib
 import importlib
 import math
+import os
 import re
 import sys
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NoReturn
 
@@ -31,6 +34,7 @@ from segway_ecc.node.errors import ConfigurationError, plain_number, printable, 
 
 _PROGRAM: Final = "segway-ecc"
 _INTERRUPTED: Final = 130
+_ENDS_WITHIN_S: Final = 5.0
 _OPENSSL: Final = "_hashlib"
 """Where `hashlib` finds OpenSSL: 3.5 MB for some digests that Python has too, and uses where this is missing."""
 _PARAGRAPH: Final = "\n\n"
@@ -54,6 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with ends_at_once():
             claim_streams()
     code = _run(arguments)
+    if arguments is None:
+        _end_for_sure(code)
     try:
         flush_output()
     except KeyboardInterrupt:
@@ -65,6 +71,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.write(f"{_PROGRAM}: {error}\n")
             return error.exit_code
     return code
+
+
+def _end_for_sure(code: int) -> None:
+    """End this process with `code` where a thread that a model has left, or what it does at exit, never returns."""
+
+    def end() -> None:
+        time.sleep(_ENDS_WITHIN_S)
+        sys.stderr.write(
+            f"{_PROGRAM}: a thread, or what a model does at exit, went on for {_ENDS_WITHIN_S:g} s: ended\n"
+        )
+        os._exit(code)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 def _run(arguments: Sequence[str] | None) -> int:

@@ -6,7 +6,7 @@ from functools import partial
 from math import isfinite
 from typing import Final
 
-from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.errors import ModelError, UnknownNameError, exception_text
 from segway_ecc.node.model.model import Model, Variable, Write, refusal_of
 from segway_ecc.node.model.undo import keep_state
 
@@ -79,7 +79,9 @@ class VariableWriter:
             put_back = keep_state(model)
         except Exception as error:  # noqa: BLE001 - the model is the user's and may raise anything
             if is_armed:
-                return f"a write that failed could not be taken back, so disarm the robot first: {_text_of(error)}"
+                return (
+                    f"a write that failed could not be taken back, so disarm the robot first: {exception_text(error)}"
+                )
             can_keep = False
             put_back = partial(self._write_back, [(name, model.read(name)) for name, _ in values], u)
         tried = ""
@@ -94,7 +96,7 @@ class VariableWriter:
                 after()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
             put_back()
-            return str(error) if type(error) is ModelError else f"{tried}: {_text_of(error)}"
+            return str(error) if type(error) is ModelError else f"{tried}: {exception_text(error)}"
         return ""
 
     def _step(self, u: Sequence[float]) -> None:
@@ -108,7 +110,3 @@ class VariableWriter:
             self._model.write(name, value)
         if u is not None:
             self._model.initialize(u)
-
-
-def _text_of(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"

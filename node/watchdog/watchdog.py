@@ -162,7 +162,8 @@ def _captured(printed: int) -> Iterator[None]:
         with contextlib.redirect_stdout(stream), contextlib.redirect_stderr(stream):
             yield
     finally:
-        stream.flush()
+        with contextlib.suppress(ValueError):  # a model may have closed it
+            stream.flush()
         _flush(libc)
         if not was_enabled:
             faulthandler.disable()

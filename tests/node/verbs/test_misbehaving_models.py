@@ -178,6 +178,28 @@ def test_a_fork_that_comes_back_is_no_second_controller(folder: Path) -> None:
     assert "model 'Tank' forked the process, and its fork came back from the call: only the fork was" in ended.line
 
 
+@pytest.mark.parametrize(
+    "leaves", ["threading.Thread(target=time.sleep, args=(1000,)).start()", "atexit.register(time.sleep, 1000)"]
+)
+def test_what_a_model_leaves_behind_does_not_keep_the_process(folder: Path, leaves: str) -> None:
+    module, _, _ = leaves.partition(".")
+    ended = drive(folder, f"self.steps > {CYCLE + 1} or __import__('{module}').{leaves.removeprefix(f'{module}.')}")
+    assert ended.code == 0
+    assert ended.errors[-1] == "segway-ecc: a thread, or what a model does at exit, went on for 5 s: ended"
+
+
+@pytest.mark.parametrize("does", ["sys.stdout.close()", "sys.stderr.close()"])
+def test_a_model_that_closes_what_is_printed_changes_nothing(folder: Path, does: str) -> None:
+    ended = drive(folder, f"self.steps > {CYCLE + 1} or {does}")
+    assert (ended.code, [line for line in ended.errors if "Traceback" in line]) == (0, [])
+
+
+def test_an_exception_whose_text_ends_the_process_is_a_failure_of_the_model(folder: Path) -> None:
+    ended = drive(folder, "raise type('Sly', (BaseException,), {'__str__': lambda self: sys.exit(0)})")
+    assert ended.code == 3
+    assert f"model 'Tank' failed in cycle {CYCLE} while running: Sly: it cannot be shown" in ended.errors[-1]
+
+
 def test_a_model_that_has_the_process_ended_between_two_calls_is_reported(folder: Path) -> None:
     ended = drive(folder, "signal.setitimer(signal.ITIMER_REAL, 0.002)")
     assert ended.code == -signal.SIGALRM
