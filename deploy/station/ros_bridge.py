@@ -8,6 +8,8 @@ at the pace of the picture.
 
 import contextlib
 import itertools
+import logging
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
@@ -57,6 +59,10 @@ _NOT_COUNTED: Final = 2**64 - 1
 """The number of a message where a middleware does not count them (rmw.h)."""
 _LARGEST_BYTES: Final = 65_536
 """Of any message of a robot; its diagnostics are the largest, some 10 KiB. rclpy decodes so many within 4 ms."""
+_NODE_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
+_LONGEST_NAME: Final = 247
+"""Of a topic or a service, in characters (rmw/validate_full_topic_name.h)."""
+_logger: Final = logging.getLogger(__name__)
 
 
 def robots_in(topics: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
@@ -238,6 +244,7 @@ class RosBridge:
         self._discovered_ns = -_DISCOVER_EVERY_NS
         self._turns = itertools.count()
         self._others: dict[str, tuple[int, list[str]]] = {}
+        self._failing: set[str] = set()
         self._is_full = False
 
     @property
@@ -287,16 +294,28 @@ class RosBridge:
         self._discovered_ns = now_ns
         names = robots_in(self._node.get_topic_names_and_types())
         self._others = {name: self._others.get(name, (0, [])) for name in names}
+        self._failing.intersection_update(names)
         turn = names[next(self._turns) % len(names)] if names else ""
         for name in names:
             robot = self._handler.fleet.robots.get(name)
             if robot is None or not robot.is_alive or name == turn or self._handler.is_waiting_for(name):
-                self._follow(name)
+                self._look_at(name)
 
     def refused(self) -> Mapping[str, int]:
         """How many messages of robots were not valid."""
         count = sum(connection.refused for connection in self.connections.values())
         return {"message: malformed": count} if count else {}
+
+    def _look_at(self, name: str) -> None:
+        """Follow whoever is to be followed in a namespace; where ROS fails at it, report that once."""
+        try:
+            self._follow(name)
+        except Exception as error:  # whatever it is, the other namespaces are looked at
+            if name not in self._failing:
+                self._failing.add(name)
+                text = f"it is not known who is to be followed in this namespace: {type(error).__name__}: {error}"
+                self._events.add(name, text, level="error")
+                _logger.exception("a namespace could not be looked at, and the station goes on")
 
     def _follow(self, name: str) -> None:
         """Follow a node that publishes `mode` and offers `~/stop`; one that is followed stays while it does both."""
@@ -318,6 +337,10 @@ class RosBridge:
         self._report_others(name, publishers, serving)
 
     def _offers_stop(self, name: str, node: str) -> bool:
+        """Whether it does; one whose name leaves no room for all that a robot has is no robot."""
+        names = [topic(name, STATUS_TOPIC), *(topic(name, f"{node}/{action}") for action in Action)]
+        if not _NODE_NAME.fullmatch(node) or max(map(len, names)) > _LONGEST_NAME:
+            return False
         return bool(self._node.count_services(topic(name, f"{node}/{Action.STOP}")))
 
     def _report_others(self, name: str, publishers: Sequence[str], serving: Sequence[str]) -> None:

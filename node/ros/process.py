@@ -56,6 +56,7 @@ _LARGEST_WRITE: Final = 4096
 """Of a request to write parameters, in bytes: half of the ring."""
 _UNANSWERED: Final = 100
 """Requests that may wait for the loop's answer; the oldest is discarded."""
+_logger = logging.getLogger(__name__)
 
 
 class WaitSet:
@@ -107,6 +108,7 @@ class Subscriptions:
         self.is_running = True
         self._inboxes = inboxes
         self._putting = threading.Lock()
+        self._refused: set[protocol.ToLoop] = set()
         self._period_s = period_ns * 1e-9
         self._number = 0
         self._answers: dict[int, Callable[[Answer], None]] = {}
@@ -124,8 +126,8 @@ class Subscriptions:
                     look_s = time.monotonic() + _LOOK_AROUND_S
                     seen = len(stage.strangers)
                     stage.do_background_work()
-                    if len(stage.strangers) > seen:
-                        self.put(protocol.ToLoop.STRANGERS, [shortened(text) for text in stage.strangers])
+                    for text in stage.strangers[seen:]:
+                        self.put(protocol.ToLoop.STRANGER, shortened(text))
         finally:
             self.is_running = False
 
@@ -181,13 +183,27 @@ class Subscriptions:
                 self.put(protocol.ToLoop.TRAJECTORY, protocol.TrajectoryPart(stamp_ns, *part, unsupported))
 
     def put(self, kind: protocol.ToLoop, what: object) -> None:
-        """Hand a message over, in any thread; wait where there is no room: DDS keeps what is newest."""
+        """Hand a message over, in any thread; wait where there is no room: DDS keeps what is newest.
+
+        One that can never fit is refused at once: whoever waited for room would take no stop any more.
+        """
         body = protocol.encoder.encode(what)
+        if len(body) > self._inboxes.room:
+            self._refuse(kind, len(body))
+            return
         while self.is_running:
             with self._putting:
                 if self._inboxes.put(kind, body):
                     return
             time.sleep(0.1 * self._period_s)
+
+    def _refuse(self, kind: protocol.ToLoop, size: int) -> None:
+        """Have the loop count it; report the first of each kind."""
+        if kind not in self._refused:
+            self._refused.add(kind)
+            text = "a message to the loop (%s) is refused: of %d bytes it can never fit into %d"
+            _logger.error(text, kind.name, size, self._inboxes.room)
+        self.put(protocol.ToLoop.REFUSED, None)
 
 
 class Publishing:
@@ -307,6 +323,6 @@ if __name__ == "__main__":
     try:
         status = main()
     except Exception:
-        logging.getLogger(__name__).exception("the ROS process failed")
+        _logger.exception("the ROS process failed")
     # Not sys.exit: the interpreter would stop the watchdog before the destructors of DDS run, which may hang too.
     os._exit(status)

@@ -50,8 +50,10 @@ class ToLoop(enum.IntEnum):
     """Whether anybody subscribes to what is published of each cycle."""
     TRAJECTORY = 4
     """A part of a trajectory."""
-    STRANGERS = 5
-    """Who else publishes the robot's topics; all that were seen."""
+    STRANGER = 5
+    """Who else publishes one of the robot's topics, in one line; each is sent once."""
+    REFUSED = 6
+    """There was a message that can never fit into the ring."""
 
 
 class NumberedRequest(NamedTuple):
@@ -153,5 +155,5 @@ decode_write_result: Final = msgspec.msgpack.Decoder(WriteResult).decode
 decode_trajectory: Final = msgspec.msgpack.Decoder(TrajectoryPart).decode
 decode_inbox: Final = msgspec.msgpack.Decoder(InboxMessage).decode
 decode_write_request: Final = msgspec.msgpack.Decoder(WriteRequest).decode
-decode_strangers: Final = msgspec.msgpack.Decoder(list[str]).decode
+decode_stranger: Final = msgspec.msgpack.Decoder(str).decode
 decode_subscribed: Final = msgspec.msgpack.Decoder(bool).decode

@@ -32,7 +32,7 @@ from segway_ecc.node.ros.protocol import (
     ToLoop,
     TrajectoryPart,
     decode_inbox,
-    decode_strangers,
+    decode_stranger,
     decode_subscribed,
     decode_trajectory,
     decode_write_request,
@@ -252,7 +252,7 @@ class RemoteStage:
         inbox = Inbox()
         if self._bridge.rings is not None:
             (self._reports, self._inboxes), self._bridge.rings = self._bridge.rings, None
-            self._points, self.wants_reports = [], True
+            self._points, self._strangers, self.wants_reports = [], [], True
         if self._overrides is not None:  # nothing else in the first: a replay writes them before the initial equations
             inbox.written, self._overrides = self._overrides, None
             return inbox
@@ -276,8 +276,10 @@ class RemoteStage:
                 inbox.writes.append(VariableWrite(values, answer))
             case ToLoop.SUBSCRIBED:
                 self.wants_reports = decode_subscribed(body)
-            case ToLoop.STRANGERS:
-                self._strangers = decode_strangers(body)
+            case ToLoop.STRANGER:
+                self._strangers.append(decode_stranger(body))
+            case ToLoop.REFUSED:
+                self.dropped += 1
             case ToLoop.TRAJECTORY:
                 self._collect(decode_trajectory(body), inbox)
             case _:

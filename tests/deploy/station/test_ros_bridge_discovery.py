@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Which robots the station finds in the graph, and whose services it calls, with a graph that a test makes."""
 
+import importlib
 from collections.abc import Callable
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -16,16 +17,32 @@ over_ros = pytest.mark.ros
 STOP = "~/stop"
 
 
+def checked(name: str, *, is_service: bool = False) -> str:
+    """A name that ROS takes; it raises for others, as rclpy's node does."""
+    name = importlib.import_module("rclpy.expand_topic_name").expand_topic_name(name, "base_station", "/")
+    importlib.import_module("rclpy.validate_full_topic_name").validate_full_topic_name(name, is_service=is_service)
+    return name
+
+
 class Graph:
-    """Who publishes `mode` of the robot `/a`, and who offers `~/stop` there, as the bridge sees it in 0.5 s steps."""
+    """Who publishes `mode` of the robot `/a`, and who offers `~/stop` there, as the bridge sees it in 0.5 s steps.
+
+    Attributes:
+        failing: Namespaces beside it that ROS fails at.
+    """
 
     def __init__(self, events: EventLog) -> None:
+        self.failing: list[str] = []
         self.publishers: list[str] = []
         self.serving: set[str] = set()
         node = MagicMock()
-        node.get_topic_names_and_types = lambda: [("/a/mode", [MODE_TYPE])] if self.publishers else []
-        node.get_publishers_info_by_topic = lambda _: [SimpleNamespace(node_name=name) for name in self.publishers]
-        node.count_services = lambda name: sum(name == f"/a/{node}/stop" for node in self.serving)
+        node.get_topic_names_and_types = lambda: [
+            (f"{name}/mode", [MODE_TYPE]) for name in (*self.failing, *(["/a"] if self.publishers else []))
+        ]
+        node.get_publishers_info_by_topic = self._publishers
+        node.count_services = lambda name: checked(name, is_service=True) in {f"/a/{n}/stop" for n in self.serving}
+        node.create_client = lambda _, name: MagicMock(srv_name=checked(name, is_service=True))
+        node.create_subscription = lambda _, name, *__: MagicMock(topic_name=checked(name))
         self.bridge = RosBridge(CommandHandler(events, Heartbeats("base"), Setpoint(3.0, 6.0)), None, events)
         self.bridge.use(node)
         self._now_ns = 0
@@ -38,6 +55,11 @@ class Graph:
             self.bridge.discover(self._now_ns)
         connection = self.bridge.connections.get("/a")
         return "" if connection is None else connection.model_node
+
+    def _publishers(self, topic: str) -> list[SimpleNamespace]:
+        if topic != "/a/mode":
+            raise RuntimeError("DDS failed")
+        return [SimpleNamespace(node_name=name) for name in self.publishers]
 
 
 @pytest.fixture
@@ -121,3 +143,35 @@ def test_second_publisher_is_reported_again_when_it_comes_back(graph: Graph, tex
     for publishers in [("model", "another"), ("model",), ("model", "another")]:
         graph.look(*publishers, serving="model")
     assert len(texts()) == 2
+
+
+@over_ros
+@pytest.mark.parametrize("name", ["n" * 255, "n" * 240, "n" * 239, "0n", "n n", "n\u00e9", "{n}", "n\n"])
+def test_a_name_that_no_robot_can_have_offers_no_stop_and_keeps_none_from_being_followed(
+    graph: Graph, texts: Callable[[], list[str]], name: str
+) -> None:
+    assert graph.look("model", name, serving="model", times=3) == "model"
+    assert texts() == [f"{name} publishes mode in this namespace and offers no {STOP}: it is not followed; end it"]
+
+
+@over_ros
+def test_a_node_with_room_for_stop_alone_in_its_name_is_not_followed(graph: Graph) -> None:
+    name = "n" * 239
+    assert checked(f"/a/{name}/stop", is_service=True)
+    assert graph.look(name, serving=name) == ""
+    assert graph.look(name[:232], serving=name[:232]) == name[:232]
+
+
+@over_ros
+def test_a_namespace_that_fails_is_reported_once_and_the_others_are_followed(
+    graph: Graph, texts: Callable[[], list[str]]
+) -> None:
+    graph.failing = ["/Z", "/b"]
+    assert graph.look("model", serving="model", times=5) == "model"
+    failed = "it is not known who is to be followed in this namespace: RuntimeError: DDS failed"
+    assert texts() == [failed, failed]
+    graph.failing = []
+    graph.look("model", serving="model")
+    graph.failing = ["/b"]
+    graph.look("model", serving="model", times=2)
+    assert texts() == [failed, failed, failed]

@@ -6,6 +6,7 @@ import os
 import queue
 import threading
 from collections.abc import Iterator
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from segway_ecc.node.ros.protocol import (
     decode_inbox,
     decode_report,
     decode_status,
+    decode_stranger,
     decode_write_request,
     encoder,
 )
@@ -160,6 +162,53 @@ def test_stopping_does_not_block_on_a_full_ring(subscriptions: Subscriptions) ->
     subscriptions.is_running = False
     subscriptions.hand_over(Inbox(setpoints=[StampedSetpoint(Setpoint(0.0, 0.0), None)] * 1000))
     assert not subscriptions.is_running
+
+
+def test_a_message_that_can_never_fit_is_refused_at_once_and_counted(
+    subscriptions: Subscriptions, loop: RingReader, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("time.sleep", lambda _: pytest.fail("it waits for what cannot come true"))
+    room = INBOX_SLOTS * SLOT_BYTES - 6
+    sizes = []
+    for size in (room + 1, room, room + 1):
+        subscriptions.put(ToLoop.STRANGER, "n" * (size - 3))  # a text has three bytes before it
+        sizes += [(kind, len(body)) for kind, body in loop.take_messages()]
+    assert sizes == [(ToLoop.REFUSED, 1), (ToLoop.STRANGER, room), (ToLoop.REFUSED, 1)]
+    assert [record.getMessage() for record in caplog.records] == [
+        f"a message to the loop (STRANGER) is refused: of {room + 1} bytes it can never fit into {room}"
+    ]
+
+
+@pytest.mark.parametrize("letter", ["n", "\u20ac"])
+def test_strangers_of_the_longest_names_do_not_keep_a_stop_from_the_loop(
+    subscriptions: Subscriptions, loop: RingReader, monkeypatch: pytest.MonkeyPatch, letter: str
+) -> None:
+    stage, waits = MagicMock(strangers=[]), 0
+    taken: list[tuple[int, bytes]] = []
+    stage.do_background_work = lambda: stage.strangers.extend(f"{n} {letter * 600}" for n in range(20))
+
+    def cycle(_: float) -> None:
+        nonlocal waits
+        waits += 1
+        assert waits < 100
+        taken.extend(loop.take_messages())
+
+    def take_messages(_: object) -> Inbox:
+        if stage.strangers:
+            subscriptions.hand_over(Inbox(requests=[Request(Action.STOP, MagicMock())]))
+            subscriptions.is_running = False
+        return Inbox()
+
+    stage.take_messages = take_messages
+    monkeypatch.setattr("time.sleep", cycle)
+    subscriptions.run(MagicMock(), stage)
+    cycle(0.0)
+    *strangers, (kind, body) = taken
+    assert [(each, decode_stranger(text)[:3]) for each, text in strangers] == [
+        (ToLoop.STRANGER, f"{n} {letter * 3}"[:3]) for n in range(20)
+    ]
+    assert kind == ToLoop.INBOX
+    assert [request.action for request in decode_inbox(body).requests] == [Action.STOP]
 
 
 def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) -> str:

@@ -111,7 +111,7 @@ def loop(one_stage: RemoteStage) -> Iterator[Loop]:
     before = one_stage._inboxes, one_stage._reports
     inboxes, reports = open_ring(INBOX_SLOTS), open_ring(slots_for(6000))
     one_stage._inboxes, one_stage._reports = RingReader(inboxes), RingWriter(reports)
-    one_stage.dropped = 0
+    one_stage.dropped, one_stage._strangers = 0, []
     yield Loop(one_stage, RingWriter(inboxes), RingReader(reports))
     one_stage._inboxes, one_stage._reports = before
     one_stage.dropped = 0
@@ -229,7 +229,18 @@ def test_the_process_reports_whether_there_are_subscribers(loop: Loop) -> None:
     assert stage.dropped == 0
 
 
-@pytest.mark.parametrize("kind", [1, 2, 3, 4, 99])
+def test_strangers_are_in_the_diagnostics_and_what_the_process_refused_is_counted(loop: Loop) -> None:
+    for kind, what in ((ToLoop.STRANGER, "/cat"), (ToLoop.REFUSED, None), (ToLoop.STRANGER, "/dog")):
+        assert loop.process.put(kind, encoder.encode(what))
+    assert loop.stage.take_inbox() == Inbox()
+    loop.stage.publish_diagnostics(0, ())
+    (_, body), _ = loop.sent.take_messages()
+    status = decode_status(body)
+    assert (status.level, status.message) == (Level.WARN, "/cat; /dog")
+    assert (status.values["strangers"], status.values["dropped"]) == ("2", "1")
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3, 4, 5, 99])
 def test_what_makes_no_sense_is_passed_over_and_counted(loop: Loop, kind: int) -> None:
     for body in (b"", b"\xc1", b"\x93\x01\x02\x03"):
         assert loop.process.put(kind, body)
@@ -241,11 +252,13 @@ def test_a_process_that_is_killed_is_replaced_and_the_loop_goes_on_with_new_ring
     stage: RemoteStage, bridge: RosBridge, caplog: pytest.LogCaptureFixture
 ) -> None:
     first, reports = bridge.pid, stage._reports
+    stage._strangers.append("/cat")
     os.kill(first, signal.SIGKILL)
     wait_for(lambda: bridge.rings is not None)
     assert stage.take_inbox().written == []
     assert (bridge.rings, bridge.status, bridge.ended) == (None, None, 1)
     assert stage._reports is not reports
+    assert stage._strangers == [], "the new process looks for them anew"
     assert bridge.pid != first
     publish(stage, 60)
     wait_for(lambda: stage._reports.held() == 0)
