@@ -168,7 +168,7 @@ def load_model(
         ModelError: There is no such model, or it refuses a parameter; the text says which.
     """
     python = PythonSource.parse(source)
-    if source and (Path(source).exists() or source.lower().endswith(".fmu") or ("/" in source and python is None)):
+    if source and (_exists(source) or source.lower().endswith(".fmu") or ("/" in source and python is None)):
         return _load_native(Path(source), parameters or {}, method, step_size)
     if method is not None or step_size is not None:
         raise ModelError(f"'{source}' is written in Python and has its own method and step: leave them out")
@@ -183,6 +183,13 @@ def load_model(
         raise
     except (Exception, SystemExit) as error:  # as above
         raise _failed(python, error) from error
+
+
+def _exists(path: str) -> bool:
+    try:
+        return Path(path).exists()
+    except OSError:  # as a name that is too long
+        return False
 
 
 def _failed(source: PythonSource, error: BaseException) -> ModelError:

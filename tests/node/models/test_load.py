@@ -19,7 +19,14 @@ def test_parameters_reach_the_model() -> None:
 
 @pytest.mark.parametrize(
     "source",
-    ["", "segway_ecc.node.models.cart", "segway_ecc.node.models.cart.Cart", ":Cart", "segway_ecc.node.models.cart:"],
+    [
+        "",
+        "segway_ecc.node.models.cart",
+        "segway_ecc.node.models.cart.Cart",
+        ":Cart",
+        "segway_ecc.node.models.cart:",
+        pytest.param("n" * 5000, id="longer than a path"),
+    ],
 )
 def test_a_source_that_is_not_module_and_class_is_refused(source: str) -> None:
     with pytest.raises(ModelError, match=rf"^'{source}' names no model: write package.module:Class$"):
