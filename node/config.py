@@ -131,6 +131,10 @@ class RosSection(Section, frozen=True, kw_only=True):
         return [names.get(axis, f"{axis}_joint") for axis in axes]
 
 
+RobotName = Annotated[str, msgspec.Meta(pattern=r"^[^./\x00-\x1f\x7f][^/\x00-\x1f\x7f]{0,63}$")]
+"""Part of the name of a file: it has no / and no control characters, and does not begin with a point."""
+
+
 class RobotFile(Section, frozen=True, kw_only=True):
     """A whole robot.
 
@@ -147,7 +151,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
         station: What the robot does when the base station falls silent; nothing where it is left out.
     """
 
-    name: str
+    name: RobotName
     model: ModelSection
     wiring: Mapping[str, str | WiredSignal]
     geometry: GeometrySection = GeometrySection()

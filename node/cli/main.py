@@ -19,6 +19,7 @@ import importlib
 import math
 import os
 import re
+import signal
 import sys
 import threading
 import time
@@ -57,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         with ends_at_once():
             claim_streams()
+            _claim_signals()
     code = _run(arguments)
     if arguments is None:
         _end_for_sure(code)
@@ -71,6 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.write(f"{_PROGRAM}: {error}\n")
             return error.exit_code
     return code
+
+
+def _claim_signals() -> None:
+    """Undo what this process may have inherited: SIGCHLD tells how a helper ended, and SIGTERM must come through."""
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
 
 
 def _end_for_sure(code: int) -> None:

@@ -243,6 +243,29 @@ def test_output_into_a_closed_pipe_gives_no_traceback(words: list[str], unbuffer
     assert ended.returncode == 0
 
 
+INHERITED = """
+import os, signal, sys
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+os.execv(sys.executable, [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *sys.argv[1:]])
+"""
+
+
+def test_the_signals_of_whoever_starts_it_change_nothing() -> None:
+    words = [sys.executable, "-c", INHERITED]
+    model = "segway_ecc.node.models.cart:Cart"
+    inspected = subprocess.run([*words, "model", "inspect", model], check=False, capture_output=True, text=True)
+    assert (inspected.returncode, inspected.stderr) == (0, "")
+
+    robot = [*words, "run", "cart", "--no-ros", "--no-log"]
+    with subprocess.Popen(robot, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stderr is not None
+        for line in running.stderr:
+            if " runs at " in line:
+                running.terminate()
+        assert running.wait() == 0
+
+
 def test_only_the_verb_in_use_is_imported() -> None:
     program = (
         "import sys; import segway_ecc.node.cli.main as m; m.main(['plant', 'cart']); print('rclpy' in sys.modules)"
