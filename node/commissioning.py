@@ -14,7 +14,7 @@ import msgspec
 
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.config import NoHardwareSection, RobotFile, packaged_robots
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.documents import decode_yaml, read_document
 from segway_ecc.node.errors import ConfigurationError
 
 Verdict = Literal["passed", "confirmed", "refused", "left out"]
@@ -120,7 +120,7 @@ def read_report(path: Path) -> CommissioningReport:
         ConfigurationError: It is missing, or not as it must be.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_document(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigurationError(f"there is no commissioning report {path}: {reason}") from error

@@ -24,7 +24,7 @@ from segway_ecc.node.cycle.mixing import (
     plant_mixers,
     wired_signal,
 )
-from segway_ecc.node.documents import decode_data, read_yaml
+from segway_ecc.node.documents import decode_data, read_document, read_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.declared import Range
 from segway_ecc.node.models.load import locate
@@ -342,7 +342,7 @@ def read_text(robot: str) -> str:
         return (_PACKAGED / f"{robot}.yaml").read_text(encoding="utf-8")
     path = Path(robot)
     try:
-        return path.read_text(encoding="utf-8")
+        return read_document(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigurationError(

@@ -8,6 +8,7 @@ import reprlib
 import types
 import typing
 from collections.abc import Hashable
+from importlib.resources.abc import Traversable
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -33,6 +34,17 @@ _found.maxlevel = 2
 _found.maxstring = _found.maxother = _found.maxlong = 80
 
 
+def read_document(path: Traversable) -> str:
+    """The text of a file that holds a document; of one that is too long, which `read_yaml` refuses, what shows that.
+
+    Raises:
+        OSError: It cannot be read.
+        UnicodeDecodeError: It is not UTF-8 text.
+    """
+    with path.open("r", encoding="utf-8") as file:
+        return file.read(_MOST_CHARACTERS + 1)
+
+
 def decode_yaml(text: str, kind: type[T], where: str) -> T:
     """Decode a YAML document into `kind`; messages call it `where`.
 
@@ -52,7 +64,7 @@ def read_yaml(text: str, where: str) -> object:
         ConfigurationError: It is too long or not YAML.
     """
     if len(text) > _MOST_CHARACTERS:
-        raise ConfigurationError(f"{where} is too long: {len(text)} characters, at most {_MOST_CHARACTERS} are read")
+        raise ConfigurationError(f"{where} is too long: at most {_MOST_CHARACTERS} characters are read")
     try:
         return yaml.load(text, _BoundedLoader)  # noqa: S506 - a safe loader, made stricter
     except (yaml.YAMLError, ValueError, OverflowError) as error:
@@ -95,6 +107,8 @@ class _BoundedLoader(yaml.SafeLoader):
         self._depth -= 1
         if isinstance(node, yaml.ScalarNode):
             node.value.encode()  # half of a surrogate pair, which only an escape can be, is no text
+            if "\0" in node.value:  # nor is what no path, name or address can hold
+                raise _refusal("a NUL is no text", event.start_mark)
             if node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
                 raise _refusal(f"a number has at most {_LONGEST_NUMBER} characters", event.start_mark)
             if node.tag in _PLAIN_NUMBERS and _UNUSUAL.match(node.value):

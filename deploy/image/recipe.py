@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from segway_ecc.node import folders
 from segway_ecc.node.errors import NodeError
 
 PROGRAMS: Final = {
@@ -114,7 +115,7 @@ class Recipe:
 
 def cache_folder() -> Path:
     """Where what takes long is kept (XDG base directories)."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "segway-ecc" / "image"
+    folder = folders.cache_folder() / "image"
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -152,7 +153,7 @@ def installed_packages(root: Path) -> dict[str, str]:
 def files_of(root: Path) -> dict[str, str]:
     """What each path is: type, mode, owner, and the hash of its content or where it leads."""
     found = {}
-    for path in sorted(Path(folder, name) for folder, folders, files in os.walk(root) for name in (*folders, *files)):
+    for path in sorted(Path(folder, name) for folder, below, files in os.walk(root) for name in (*below, *files)):
         status = path.lstat()
         text = f"{status.st_mode:o} {status.st_uid}:{status.st_gid} {int(status.st_mtime)}"
         if path.is_symlink():

@@ -20,6 +20,7 @@ from segway_ecc.deploy.release.agent.files import is_safe
 from segway_ecc.deploy.release.agent.store import FileDigest, digests_from
 from segway_ecc.deploy.release.host import UpdateRefusedError
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.folders import cache_folder
 
 _SMALLER: Final = {"aarch64": "armv7l", "armv8l": "armv7l", "x86_64": "i686"}
 """What a 32-bit Python on a 64-bit kernel is."""
@@ -140,8 +141,7 @@ def collect(wheel: Path, extras: Collection[str], target: Target, folder: Path, 
     Raises:
         ConfigurationError: Something has no wheel for it, or the index cannot be reached.
     """
-    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    cache = caches / "segway-ecc" / "wheels" / target.key
+    cache = cache_folder() / "wheels" / target.key
     cache.mkdir(parents=True, exist_ok=True)
     words = ["download", *target.pip_options, "--find-links", str(cache), "--dest", str(folder)]
     what = [f"{wheel.resolve()}{extras_text(extras)}", "pip"]

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from segway_ecc.firmware_io.value import Section
 from segway_ecc.hil.faults.fault import Fault, Seconds
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.documents import decode_yaml, read_document
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
@@ -235,7 +235,7 @@ def _read(source: str) -> Scenario:
     packaged = packaged_scenarios()
     try:
         file = _PACKAGED / f"{source}.yaml" if source in packaged else Path(source)
-        text = file.read_text(encoding="utf-8")
+        text = read_document(file)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigurationError(

@@ -25,6 +25,7 @@ from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.real_time import real_time_loop
 from segway_ecc.node.errors import ConfigurationError, ModelFailedError, failure_text
+from segway_ecc.node.folders import state_folder
 
 _logger = logging.getLogger(__name__)
 _ROS_NAME: Final = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -187,10 +188,9 @@ def print_found(options: argparse.Namespace, document: object, text: str | Mappi
 
 
 def default_log(name: str) -> Path:
-    """Where a run's log goes by default: the user's state folder (XDG base directories)."""
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    """Where a run's log goes by default; see `state_folder`."""
     stamp = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
-    return state / "segway-ecc" / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
+    return state_folder() / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
 
 
 @contextlib.contextmanager

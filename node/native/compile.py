@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
+from segway_ecc.node.folders import cache_folder
 
-_PLACE: Final = Path("segway-ecc", "models")
+_PLACE: Final = "models"
 _TIMEOUT_S: Final = 600.0
 SAME_BITS: Final = ("-ffp-contract=off", "-fsigned-char")
 """So that every processor computes as x86-64 does by default: gcc for arm64 fuses multiply-add, which rounds once and
@@ -63,10 +64,10 @@ def cached(key: str, make: Callable[[Path], None]) -> Path:
         make: Fills the empty folder it is given. What it raises is passed on, and nothing is kept.
 
     Raises:
+        ConfigurationError: The user has no home folder.
         ModelError: The cache cannot be written.
     """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    entry = (given if given.is_absolute() else Path.home() / ".cache") / _PLACE / key
+    entry = cache_folder() / _PLACE / key
     if entry.is_dir():
         return entry
     try:

@@ -25,7 +25,7 @@ from segway_ecc.node.cycle.trajectory import (
     TrajectoryState,
     TrajectoryStatus,
 )
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.documents import decode_yaml, read_document
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.modes import ACTIVE
 
@@ -71,7 +71,7 @@ def load_manoeuvre(path: str) -> Manoeuvre:
         ConfigurationError: The file is missing or not as it must be.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_document(Path(path))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigurationError(f"cannot read sequence file '{path}': {reason}") from error

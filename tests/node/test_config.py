@@ -178,7 +178,7 @@ def test_drives_as_0_1_had_them_are_refused_with_what_to_write() -> None:
     assert found.endswith("write hardware.axes.left and hardware.axes.right")
 
 
-@pytest.mark.parametrize("name", ["", "a\\0b", "../x", "a/b", ".mcap", "a\\nb", "n" * 65])
+@pytest.mark.parametrize("name", ["", "../x", "a/b", ".mcap", "a\\nb", "n" * 65])
 def test_a_name_that_is_no_part_of_a_file_name_is_refused(name: str) -> None:
     assert " at name; found '" in refusal(BASE.replace("name: cart", f'name: "{name}"'))
 

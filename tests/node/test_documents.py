@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Documents as people write them."""
 
+from pathlib import Path
+
 import msgspec
 import pytest
 
-from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.documents import decode_yaml, read_document, read_yaml
 from segway_ecc.node.errors import ConfigurationError
 
 
@@ -58,7 +60,7 @@ LAUGHTER = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" 
         ("[" + "1," * 20_000 + "]", "got `array`; found"),
         (f"value: '{'x' * 60_000}'", "got `str` at value; found 'x"),
         (f"{{ {'x' * 1000}: 1 }}", "missing required field"),
-        (" " * (1 << 20) + "value: 1", "too long: 1048584 characters, at most 1048576 are read"),
+        (" " * (1 << 20) + "value: 1", "too long: at most 1048576 characters are read"),
     ],
 )
 def test_what_would_make_decoding_slow_or_large_is_refused_in_one_line(text: str, why: str) -> None:
@@ -76,3 +78,14 @@ def test_many_keys_are_compared_in_linear_time() -> None:
 def test_key_that_stands_twice_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="the key 'value' stands twice"):
         decode_yaml("value: 1\nvalue: 2", Length, "it")
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/full"])
+def test_a_file_without_end_is_refused(path: str) -> None:
+    with pytest.raises(ConfigurationError, match="is too long: at most 1048576 characters are read"):
+        read_yaml(read_document(Path(path)), path)
+
+
+def test_a_nul_is_no_text() -> None:
+    with pytest.raises(ConfigurationError, match="a NUL is no text"):
+        read_yaml('value: "a\\0b"', "document")
