@@ -66,6 +66,8 @@ class ProcessRecorder:
                 f"cannot write the log {path}: {older[0].name}, a later file of an older log, is there; remove or move "
                 "the older log, or choose another with --log"
             )
+        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would have us wait for its reader
+            raise RecordingError(f"cannot write the log {path}: it is no file; choose another with --log")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.open("wb").close()

@@ -76,6 +76,12 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+def test_a_log_that_is_a_pipe_is_refused(path: Path, layout: CycleLayout) -> None:
+    os.mkfifo(path)
+    with pytest.raises(RecordingError, match=r"^cannot write the log .*: it is no file; choose another with --log$"):
+        ProcessRecorder(path, layout, Provenance({}, {}))
+
+
 def test_a_writer_that_does_not_start_is_an_error_of_the_log(
     path: Path, layout: CycleLayout, monkeypatch: pytest.MonkeyPatch
 ) -> None:
