@@ -14,8 +14,10 @@ from segway_ecc.node.safety.settings import (
     ChecklistSettings,
     FollowingErrorSettings,
     GravitySettings,
+    JointLimits,
     LateCyclesLimit,
     PostureSettings,
+    RunawaySettings,
     SafetySettings,
     SupplyWindow,
     VelocityConsistency,
@@ -278,6 +280,8 @@ MISSING: list[tuple[SafetySettings, str, str]] = [
         "left.angle",
     ),
     (SafetySettings(supply=SupplyWindow(min_v=1.0, max_v=2.0)), "supply", "supply.voltage"),
+    (SafetySettings(runaway=RunawaySettings(wheel_radius=0.1, distance_m=0.5)), "runaway", "left.velocity"),
+    (SafetySettings(joint_limits={"arm": JointLimits(min_rad=0.0, max_rad=1.0)}), "joint_limits.arm", "arm.angle"),
 ]
 
 
@@ -293,6 +297,20 @@ def test_a_check_of_what_is_not_measured_is_refused(
         f"safety.{key} needs '{name}', which this robot does not measure; leave {key} out, or add what measures it; "
         f"there is {known}"
     )
+
+
+def test_a_robot_that_drives_on_faster_than_it_is_asked_runs_away() -> None:
+    rig = Rig(SafetySettings(runaway=RunawaySettings(wheel_radius=0.1, distance_m=0.5)), asked=(0.0, 0.0))
+    assert rig.run() == []
+    set_values(left__velocity=10.0, right__velocity=10.0)(rig)
+    assert rig.first("asked", at_most=400) == pytest.approx(0.5 / (1.0 - 0.3) / (PERIOD * 1e-9), abs=2)
+
+
+def test_a_joint_beyond_its_limits_is_a_fault() -> None:
+    rig = Rig(SafetySettings(joint_limits={"left": JointLimits(min_rad=-0.5, max_rad=1.0)}))
+    assert rig.run() == []
+    set_values(left__angle=1.01)(rig)
+    assert rig.run() == ["left.angle is 1.01 rad, allowed is -0.5 to 1 rad"]
 
 
 def test_a_robot_without_angles_or_imu_is_watched_for_what_it_has() -> None:

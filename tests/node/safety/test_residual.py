@@ -152,6 +152,21 @@ def test_its_state_is_captured_whole_and_goes_on_where_it_was() -> None:
     assert other.values == watch.values
 
 
+def test_the_monitor_compares_with_the_commands_at_their_places() -> None:
+    settings = SafetySettings(residual=SETTINGS, posture=PostureSettings(down_rad=0.4))
+    signals = (*SIGNALS, "imu.linear_acceleration_y", "imu.linear_acceleration_z")
+    commands = ("spare", "left.torque", "right.torque")
+    whole, alone = SafetyMonitor(settings, signals, (), 5_000_000, commands), monitor()
+    for cycle, (values, torque) in enumerate(drive(1.0, mass=1.0)):
+        view = View(values, [True] * len(values), 1, None, PERIOD_S)
+        alone.look(view, (torque, torque), balances=True)
+        measured = (*values, 0.0, GRAVITY)
+        whole.look(measured, [True] * 8, cycle * 5_000_000, 0, None, (9.0, torque, torque), balances=True)
+    assert whole.residual is not None
+    assert whole.residual.values == alone.values
+    assert any(alone.values)
+
+
 @pytest.mark.parametrize(
     ("settings", "commands"),
     [

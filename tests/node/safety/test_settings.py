@@ -154,6 +154,7 @@ REFUSED = {
     "posture: {up_rad: 0.3, down_rad: 0.3}": "up_rad 0.3 is not below down_rad 0.3 at safety.posture",
     "posture: {up_rad: 0.5, down_rad: 0.4}": "up_rad 0.5 is not below down_rad 0.4 at safety.posture",
     "posture: {}": "down_rad",
+    "joint_limits: {arm: {min_rad: 1, max_rad: 1}}": "min_rad 1 is not below max_rad 1 at safety.joint_limits",
     GRAVITY + "imu_height: 3.1}": "safety.gravity.imu_height",
     GRAVITY + "imu_height: -3.1}": "safety.gravity.imu_height",
     GRAVITY + "imu_height: 0.5, settle_s: 0.09}": "safety.gravity.settle_s",

@@ -15,6 +15,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     Sdo,
     Service,
     TorqueCommand,
+    is_answer,
     motor_angle,
     motor_velocity,
     nmt_frame,
@@ -166,6 +167,22 @@ def test_no_other_byte_is_a_heartbeat() -> None:
 )
 def test_an_nmt_frame_is_command_and_node(command: str, byte: int) -> None:
     assert nmt_frame(NmtCommand[command], 5) == Frame(0x000, bytes((byte, 5)))
+
+
+READ = bytes((0x40, 0x18, 0x10, 1, 0, 0, 0, 0))
+ANSWERS = {
+    "the same object": (READ, bytes((0x43, 0x18, 0x10, 1, 9, 9, 9, 9)), True),
+    "another object": (READ, bytes((0x43, 0x18, 0x10, 2, 9, 9, 9, 9)), False),
+    "an abort that bears none": (READ, bytes((0x80, 0, 0, 0, 9, 9, 9, 9)), True),
+    "an abort of another": (READ, bytes((0x80, 0x18, 0x10, 2, 9, 9, 9, 9)), False),
+    "a segment, which bears none": (bytes((0x60, *bytes(7))), bytes((0x01, *b"a drive")), True),
+}
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+def test_an_answer_bears_the_object_that_was_asked_for(name: str) -> None:
+    request, answer, is_one = ANSWERS[name]
+    assert is_answer(request, answer) is is_one
 
 
 def test_identifiers_are_those_of_the_predefined_connection_set() -> None:
