@@ -38,11 +38,13 @@ class Cia402Stopper(WheelStopper):
                 return None
             enables = frame.data[0] & Controlword.ENABLE_OPERATION == Controlword.ENABLE_OPERATION
             return Observation(name, Meaning.MOVE if enables else Meaning.DISABLE)
-        name = self._statuses.get(frame.arbitration_id)
-        try:
-            state = None if name is None else cia402.state_of(cia402.DriveStatus.unpack(frame.data).statusword)
-        except FrameRefusedError:
-            return None
-        if name is None or state is None:
-            return None
-        return Observation(name, Meaning.OFF if state in cia402.WITHOUT_TORQUE else Meaning.ON)
+        drive = self._statuses.get(frame.arbitration_id)
+        return None if drive is None else _read_status(drive, frame)
+
+
+def _read_status(drive: str, frame: Frame) -> Observation | None:
+    try:
+        state = cia402.state_of(cia402.DriveStatus.unpack(frame.data).statusword)
+    except FrameRefusedError:
+        return None
+    return None if state is None else Observation(drive, Meaning.OFF if state in cia402.WITHOUT_TORQUE else Meaning.ON)
