@@ -28,7 +28,8 @@ def test_a_command_moves_the_board_unless_it_is_zero_for_both(commands: tuple[in
     ],
 )
 def test_what_is_no_command_means_nothing(frame: dict[str, Any]) -> None:
-    assert HoverboardStopper().read(Frame(**{"arbitration_id": COMMAND, "data": bytes(4)} | frame)) is None
+    fields: dict[str, Any] = {"arbitration_id": COMMAND, "data": bytes(4), **frame}
+    assert HoverboardStopper().read(Frame(**fields)) is None
 
 
 def test_zero_for_both_stops_the_board_which_reports_no_off() -> None:
