@@ -31,6 +31,33 @@ def test_a_line_is_found_whatever_its_offset() -> None:
     assert fit.solve() == pytest.approx(-0.4)
 
 
+def test_a_line_is_found_as_by_weighted_least_squares_with_the_prior_as_samples_of_its_slope() -> None:
+    kept, prior = 0.9, 2.0
+    fit, data = LineFit(kept, prior), samples(40)
+    for x, noise, _ in data:
+        fit.add(x + 1.0, 0.7 * x - 0.2 + noise)
+    x, noise, _ = data.T
+    weights = kept ** np.arange(39, -1, -1)
+    features = np.stack([x + 1.0, np.ones_like(x)], axis=1)
+    normal = (features.T * weights) @ features + np.diag((prior, 0.0))
+    wanted = np.linalg.solve(normal, (features.T * weights) @ (0.7 * x - 0.2 + noise))
+    assert fit.solve() == pytest.approx(wanted[0], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("xs", "prior", "is_known"),
+    [((-1.0, 1.0), 1.0, False), ((-1.0, 1.0), 0.99, True), ((3.0, 5.0), 1.5, False), ((9.0,), 0.1, False)],
+)
+def test_a_slope_is_known_where_samples_weigh_more_than_twice_the_prior(
+    xs: tuple[float, ...], prior: float, *, is_known: bool
+) -> None:
+    fit = LineFit(1.0, prior)
+    for x in xs:
+        fit.add(x, 2.0 * x)
+    assert fit.is_known is is_known
+    assert (fit.solve() == 0.0) is (len(xs) == 1)
+
+
 def test_without_samples_there_is_no_deviation() -> None:
     assert LineFit(0.99, 1.0).solve() == 0.0
     assert not LineFit(0.99, 1.0).is_known
