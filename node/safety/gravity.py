@@ -130,10 +130,9 @@ class GravityCheck(Check):
 
     def _is_resting(self, values: Sequence[float]) -> bool:
         """Whether wheels and body rest, by a gyro that is not off."""
-        felt = hypot(values[self._x], values[self._z])
         return (
-            abs(values[self._gyro]) <= self._most_offset
-            and abs(felt - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
+            self._is_heavy(values)
+            and abs(values[self._gyro]) <= self._most_offset
             and abs(values[self._left]) <= MOVING
             and abs(values[self._right]) <= MOVING
         )
