@@ -62,9 +62,9 @@ def locate(source: str, folders: Sequence[Path]) -> str:
     which is what `load_model` takes, is relative to them.
     """
     found = PythonSource.parse(source)
-    if found is None or Path(source).exists():
+    if found is None or _exists(Path(source)):
         places = (folder / source for folder in folders if source)
-        return next((str(place) for place in places if place.exists()), source)
+        return next((str(place) for place in places if _exists(place)), source)
     if found.top == _NAMESPACE or (found.folder is None and _MOVED.fullmatch(found.module)):
         return source
     for folder in folders:
@@ -78,7 +78,7 @@ def locate_recorded(source: str, folders: Sequence[Path]) -> str:
     """Where a model is now that a log names: where it was, or else by its last name in one of `folders`."""
     found = PythonSource.parse(source)
     if found is None:
-        return source if Path(source).exists() else locate(Path(source).name, folders)
+        return source if _exists(Path(source)) else locate(Path(source).name, folders)
     if found.folder is not None and _spec_in(found.folder, found.top) is not None:
         return source
     return locate(str(found._replace(folder=None)), folders)
@@ -168,7 +168,7 @@ def load_model(
         ModelError: There is no such model, or it refuses a parameter; the text says which.
     """
     python = PythonSource.parse(source)
-    if source and (_exists(source) or source.lower().endswith(".fmu") or ("/" in source and python is None)):
+    if source and (_exists(Path(source)) or source.lower().endswith(".fmu") or ("/" in source and python is None)):
         return _load_native(Path(source), parameters or {}, method, step_size)
     if method is not None or step_size is not None:
         raise ModelError(f"'{source}' is written in Python and has its own method and step: leave them out")
@@ -185,9 +185,9 @@ def load_model(
         raise _failed(python, error) from error
 
 
-def _exists(path: str) -> bool:
+def _exists(path: Path) -> bool:
     try:
-        return Path(path).exists()
+        return path.exists()
     except OSError:  # as a name that is too long
         return False
 

@@ -264,3 +264,9 @@ def test_every_package_that_the_product_imports_keeps_its_name() -> None:
     others = {name for name in imported if not name.endswith(("_msgs", "_srvs"))}
 
     assert others - module._OURS == set()
+
+
+@pytest.mark.parametrize("source", ["n" * 5000, f"{'n' * 5000}.module:Class"])
+def test_a_source_that_is_longer_than_a_path_is_nowhere(source: str, tmp_path: Path) -> None:
+    assert locate(source, [tmp_path]) == source
+    assert locate_recorded(source, [tmp_path]) == source
