@@ -121,9 +121,8 @@ def read_report(path: Path) -> CommissioningReport:
     """
     try:
         text = read_document(path)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigurationError(f"there is no commissioning report {path}: {reason}") from error
+    except OSError as error:
+        raise ConfigurationError(f"there is no commissioning report {path}: {error.strerror}") from error
     return decode_yaml(text, CommissioningReport, f"commissioning report {path}")
 
 

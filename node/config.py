@@ -343,8 +343,8 @@ def read_text(robot: str) -> str:
     path = Path(robot)
     try:
         return read_document(path)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+    except OSError as error:
         raise ConfigurationError(
-            f"cannot read robot file '{robot}': {reason}; the packaged robots are {', '.join(packaged_robots())}"
+            f"cannot read robot file '{robot}': {error.strerror}; "
+            f"the packaged robots are {', '.join(packaged_robots())}"
         ) from error

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """YAML documents decoded into typed structures in one go; errors name the place, what was found and what is allowed."""
 
+import errno
 import functools
 import operator
 import re
@@ -38,11 +39,13 @@ def read_document(path: Traversable) -> str:
     """The text of a file that holds a document; of one that is too long, which `read_yaml` refuses, what shows that.
 
     Raises:
-        OSError: It cannot be read.
-        UnicodeDecodeError: It is not UTF-8 text.
+        OSError: It cannot be read, or is not UTF-8 text; `strerror` is why, for a message.
     """
-    with path.open("r", encoding="utf-8") as file:
-        return file.read(_MOST_CHARACTERS + 1)
+    try:
+        with path.open("r", encoding="utf-8") as file:
+            return file.read(_MOST_CHARACTERS + 1)
+    except UnicodeDecodeError as error:
+        raise OSError(errno.EILSEQ, "not UTF-8 text") from error
 
 
 def decode_yaml(text: str, kind: type[T], where: str) -> T:

@@ -29,7 +29,7 @@ from segway_ecc.deploy.station.robot_messages import (
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.trajectory import Trajectory
-from segway_ecc.node.errors import shortened
+from segway_ecc.node.errors import exception_text, shortened
 from segway_ecc.node.ros.messages import RosObject, decode_message, duration, message_type, stamp_ns
 from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE
 from segway_ecc.node.ros.runtime import UNKNOWN_NODE
@@ -313,7 +313,7 @@ class RosBridge:
         except Exception as error:  # whatever it is, the other namespaces are looked at
             if name not in self._failing:
                 self._failing.add(name)
-                text = f"it is not known who is to be followed in this namespace: {type(error).__name__}: {error}"
+                text = f"it is not known who is to be followed in this namespace: {exception_text(error)}"
                 self._events.add(name, text, level="error")
                 _logger.exception("a namespace could not be looked at, and the station goes on")
 

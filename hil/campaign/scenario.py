@@ -236,10 +236,9 @@ def _read(source: str) -> Scenario:
     try:
         file = _PACKAGED / f"{source}.yaml" if source in packaged else Path(source)
         text = read_document(file)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+    except OSError as error:
         raise ConfigurationError(
-            f"cannot read scenario '{source}': {reason}; the packaged ones are {', '.join(packaged)}"
+            f"cannot read scenario '{source}': {error.strerror}; the packaged ones are {', '.join(packaged)}"
         ) from error
     return decode_yaml(_OFF.sub(r"\1'off'", text), Scenario, source)
 

@@ -72,9 +72,8 @@ def load_manoeuvre(path: str) -> Manoeuvre:
     """
     try:
         text = read_document(Path(path))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigurationError(f"cannot read sequence file '{path}': {reason}") from error
+    except OSError as error:
+        raise ConfigurationError(f"cannot read sequence file '{path}': {error.strerror}") from error
     manoeuvre = decode_yaml(text, Manoeuvre, path)
     _check_finite(manoeuvre.segments, path)
     return manoeuvre
