@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.helper import spawn_helper
+from tests.open_files import open_files
 
 
 @pytest.mark.parametrize("module", ["segway_ecc.node.recording.writer", "segway_ecc.node.ros.process"])
@@ -35,7 +36,7 @@ def test_a_spawned_helper_reads_writes_and_has_the_files_and_a_session_of_its_ow
 
 def test_a_helper_that_cannot_be_spawned_is_an_error_and_leaves_no_file_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    before = set(Path("/proc/self/fd").iterdir())
+    before = open_files()
     with pytest.raises(FileNotFoundError):
         spawn_helper("json.tool", ())
-    assert set(Path("/proc/self/fd").iterdir()) == before
+    assert open_files() <= before

@@ -20,6 +20,7 @@ from segway_ecc.deploy.support.archive_files import LogFile, open_log
 from segway_ecc.node.errors import NobodyListensError
 from tests.deploy.station.web.scripted_station import ScriptedStation
 from tests.deploy.station.web.serving import Served, browser, served
+from tests.open_files import open_files
 
 JSON = {"Accept": "application/json"}
 WHAT_TO_START = "robot /bob hands out nothing; on the robot, start: segway-ecc log archive ROBOT --namespace /bob"
@@ -298,16 +299,6 @@ def test_a_large_bundle_is_streamed_from_its_file_and_leaves_nothing_open(tmp_pa
                 assert answer.headers["Content-Disposition"] == 'attachment; filename="alice-support.zip"'
                 assert await answer.read() == content
             assert made[0].closed
-            assert not [link for link in _open_files() if str(tmp_path) in link and "deleted" in link]
+            assert not [link for link in open_files() if str(tmp_path) in link and "deleted" in link]
 
     asyncio.run(scenario())
-
-
-def _open_files() -> list[str]:
-    found = []
-    for link in Path("/proc/self/fd").iterdir():
-        try:
-            found.append(str(link.readlink()))
-        except FileNotFoundError:  # the one that lists
-            continue
-    return found
