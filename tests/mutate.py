@@ -44,6 +44,7 @@ TESTED_BY: Final = {
     "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/posture": ["posture", "monitor"],
     "node/safety/modes": ["modes", "modes_machine", "modes_station"],
+    "node/safety/residual": ["residual_reference", "residual"],
     "node/safety/plausibility": ["plausibility", "plausibility_following"],
     "firmware_io/drives/stopper": ["firmware_io/guard/stoppers", "firmware_io/guard/watch"],
     "firmware_io/drives/cia402/stopper": ["firmware_io/guard/stoppers"],

@@ -11,9 +11,10 @@ from segway_ecc.node.cycle.setpoints import SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.timing import Histogram, LoopCounters, Summary, TimeBase
 from segway_ecc.node.model.writer import VariableWriter
+from segway_ecc.node.safety.deviations import CAUSES, UNITS
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.safety.posture import Posture
-from segway_ecc.node.safety.residual import CAUSES, UNITS, ResidualMonitor
+from segway_ecc.node.safety.residual import ResidualMonitor
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
@@ -107,7 +108,7 @@ class DiagnosticReport:
             return
         estimates = dict(zip(CAUSES, zip(residual.estimates, UNITS, strict=True), strict=True))
         values = {cause: f"{value:+.4g} {unit}" for cause, (value, unit) in estimates.items()}
-        beyond = [cause for cause, warned in zip(CAUSES, residual.warned, strict=True) if warned]
+        beyond = [cause for cause, warned in zip(CAUSES, residual.deviations.warned, strict=True) if warned]
         trouble = ", ".join(f"{cause} {values[cause]}" for cause in beyond)
         values["residual"] = f"{residual.residual:+.3g} N"
         yield self._status("residual", trouble and f"not as designed: {trouble}", "as designed", values)

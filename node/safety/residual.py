@@ -25,6 +25,7 @@ from typing import Final
 
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.check import View, periods_in
+from segway_ecc.node.safety.deviations import CAUSES, UNITS, Deviations
 from segway_ecc.node.safety.forgetting_fit import LineFit, PlaneFit
 from segway_ecc.node.safety.settings import ResidualSettings
 from segway_ecc.node.safety.tilt import GRAVITY
@@ -49,14 +50,8 @@ _PUSHED: Final = 1.0
 """A force beyond what is explained, N, that is taken for a push or a kerb."""
 _LONGEST_PUSH_S: Final = 1.5
 """Unless it lasts longer, s."""
-CAUSES: Final = ("payload", "slope", "friction", "radius")
-UNITS: Final = ("kg", "rad", "N m", "1")
-SHOWN: Final = ("residual, N", *(f"{cause}, {unit}" for cause, unit in zip(CAUSES, UNITS, strict=True)))
+SHOWN: Final = ("residual, N", *map("{}, {}".format, CAUSES, UNITS))
 """What `ResidualMonitor.values` has, in its order."""
-_PAYLOAD: Final = 0
-_SLOPE: Final = 1
-_FRICTION: Final = 2
-_RADIUS: Final = 3
 
 
 class ResidualMonitor:
@@ -66,7 +61,7 @@ class ResidualMonitor:
         estimates: What is estimated, in the order of `CAUSES`: payload, kg; slope, rad, positive where the ground rises
             ahead; Coulomb friction of each wheel beyond what is known, N m; radius of the tyres as a share of what it
             should be, less 1.
-        warned: For each of them whether it is beyond its limit, as last reported.
+        deviations: Which of them are beyond their limits, as last reported.
         residual: The newest residual, N, filtered.
         warning: One that begins or ends in this cycle; None in nearly all.
     """
@@ -94,7 +89,6 @@ class ResidualMonitor:
         self._per_volt = self._back_emf = 0.0
         if s.motor is not None:
             self._per_volt, self._back_emf = s.motor.constant / s.motor.resistance, s.motor.constant
-        self._limits = (s.payload_kg, s.slope_rad, s.friction_n_m, s.radius_share)
         self._period_s = period_s
         self._gain = period_s / (_LAG_S + period_s)
         self._per_lag = 1.0 / _LAG_S
@@ -102,7 +96,8 @@ class ResidualMonitor:
         self._settles = periods_in(_SETTLES_S, period_s)
         self._longest_push = periods_in(_LONGEST_PUSH_S, period_s)
         self._solves = periods_in(_SOLVED_EVERY_S, period_s)
-        self._lasts = periods_in(s.for_s, _SOLVED_EVERY_S)
+        limits = (s.payload_kg, s.slope_rad, s.friction_n_m, s.radius_share)
+        self.deviations = Deviations(limits, periods_in(s.for_s, _SOLVED_EVERY_S))
         kept = 1.0 - period_s / _MEMORY_S
         self._force_fit = PlaneFit(kept, (_PAYLOAD_PRIOR, _SLOPE_PRIOR, _FRICTION_PRIOR))
         self._radius_fit = LineFit(kept, _RADIUS_PRIOR)
@@ -113,9 +108,7 @@ class ResidualMonitor:
         self._s1 = self._s2 = self._x1 = self._x2 = self._rate = self._felt = 0.0
         self._slow_z = self._slow_v = self._leant = 0.0
         self._load = self._force = self._drag = 0.0
-        self._beyond = [0, 0, 0, 0]
-        self.estimates = [0.0, 0.0, 0.0, 0.0]
-        self.warned = [False, False, False, False]
+        self.estimates = [0.0] * len(CAUSES)
         self.residual = 0.0
         self.warning: str | None = None
 
@@ -188,8 +181,7 @@ class ResidualMonitor:
         """Whether a force, N, is that of a push, or one was there a moment ago."""
         if -_PUSHED < unexplained < _PUSHED:
             self._pushed = 0
-            if self._calm:
-                self._calm -= 1
+            self._calm = max(self._calm - 1, 0)
             return self._calm > 0
         self._pushed += 1
         self._calm = self._settles
@@ -198,35 +190,9 @@ class ResidualMonitor:
     def _judge(self) -> None:
         """Solve for the estimates, and hold them against their limits."""
         self._load, self._force, self._drag = self._force_fit.solve()
-        slope = self._force / (self._mass * GRAVITY)
-        self.estimates = [self._load, slope, 0.5 * self._drag * self._radius, self._radius_fit.solve()]
-        for cause, limit in enumerate(self._limits):
-            size, beyond = abs(self.estimates[cause]), self._beyond[cause]
-            if size > limit and self._is_alone(cause):
-                beyond = beyond + 1 if beyond < self._lasts else beyond
-            elif size < 0.5 * limit:
-                beyond = beyond - 1 if beyond else 0
-            self._beyond[cause] = beyond
-            if beyond == (0 if self.warned[cause] else self._lasts):
-                self.warned[cause] = not self.warned[cause]
-                text = self._text(cause)
-                self.warning = text if self.warning is None else f"{self.warning}; {text}"
-
-    def _is_alone(self, cause: int) -> bool:
-        """Whether nothing else is there that looks like this: a slope does like friction, and a tyre like a payload."""
-        if cause in {_SLOPE, _RADIUS}:
-            return True
-        if abs(self.estimates[_SLOPE]) > 0.5 * self._limits[_SLOPE]:
-            return False
-        is_round = self._radius_fit.is_known and abs(self.estimates[_RADIUS]) < 0.5 * self._limits[_RADIUS]
-        return cause == _FRICTION or is_round
-
-    def _text(self, cause: int) -> str:
-        """A warning that begins or ends."""
-        value = f"{CAUSES[cause]} {self.estimates[cause]:+.3g} {UNITS[cause]}"
-        if not self.warned[cause]:
-            return f"the robot moves as designed again: {value}"
-        return f"the robot does not move as designed: {value}, beyond {self._limits[cause]:g} {UNITS[cause]}"
+        slope, friction = self._force / (self._mass * GRAVITY), 0.5 * self._drag * self._radius
+        self.estimates = [self._load, slope, friction, self._radius_fit.solve()]
+        self.warning = self.deviations.judge(self.estimates, is_radius_known=self._radius_fit.is_known)
 
 
 def _sign(speed: float) -> float:

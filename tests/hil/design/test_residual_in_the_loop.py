@@ -17,8 +17,9 @@ from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.replay.replay import replay
+from segway_ecc.node.safety.deviations import CAUSES
 from segway_ecc.node.safety.modes import Mode
-from segway_ecc.node.safety.residual import CAUSES, ResidualMonitor
+from segway_ecc.node.safety.residual import ResidualMonitor
 
 _DURATION_S: Final = {True: 24.0, False: 16.0}
 """With a script, and without."""
@@ -94,7 +95,7 @@ def test_a_slope_is_a_warning_and_no_fault_and_a_replay_has_it_too(tmp_path: Pat
     outcome = replay(log)
     assert outcome.is_identical
     assert outcome.is_whole
-    assert residual.warned == [False, True, False, False]
+    assert residual.deviations.warned == [False, True, False, False]
 
 
 @pytest.mark.proof

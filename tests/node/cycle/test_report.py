@@ -119,7 +119,7 @@ def test_the_residual_status_has_every_estimate_and_warns_of_what_is_beyond(
     assert (status.level, status.message) == (Level.OK, "as designed")
     assert status.values["slope"] == "+0.2 rad"
     assert status.values.keys() == {"payload", "slope", "friction", "radius", "residual"}
-    observed.residual.warned = [False, True, False, False]
+    observed.residual.deviations.warned = [False, True, False, False]
     status = gather(report)["cart: residual"]
     assert (status.level, status.message) == (Level.WARN, "not as designed: slope +0.2 rad")
 

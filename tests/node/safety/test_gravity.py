@@ -290,6 +290,16 @@ def test_a_second_of_rest_before_there_is_an_offset_does_not_count() -> None:
     assert faulty_for(check, [REST] * 2000) == 999
 
 
+def test_rest_is_counted_anew_once_there_is_no_offset_for_a_moment() -> None:
+    check = check_of(LONG)
+    landed_hard(check)
+    assert faulty_for(check, [REST] * 900) == 900
+    check._offset = 0.0
+    assert faulty_for(check, [REST]) == 0
+    check._offset = -0.3
+    assert faulty_for(check, [REST] * 2000) == 999
+
+
 def test_each_period_of_rest_counts() -> None:
     check = check_of(LONG)
     landed_hard(check)

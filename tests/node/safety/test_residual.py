@@ -10,8 +10,9 @@ from msgspec.structs import replace
 from segway_ecc.node.cycle.state import capture, restore
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.check import View
+from segway_ecc.node.safety.deviations import CAUSES
 from segway_ecc.node.safety.monitor import SafetyMonitor
-from segway_ecc.node.safety.residual import CAUSES, SHOWN, ResidualMonitor
+from segway_ecc.node.safety.residual import SHOWN, ResidualMonitor, command_places
 from segway_ecc.node.safety.settings import MotorSettings, PostureSettings, ResidualSettings, SafetySettings
 from segway_ecc.node.safety.tilt import GRAVITY
 
@@ -66,10 +67,24 @@ def looked(watch: ResidualMonitor, motion: Iterator[tuple[Sequence[float], float
     return said
 
 
+def test_the_numbers_are_published_with_their_names_and_units_and_begin_with_no_deviation() -> None:
+    assert SHOWN == ("residual, N", "payload, kg", "slope, rad", "friction, N m", "radius, 1")
+    assert monitor().values == (0.0,) * 5
+    assert monitor().warning is None
+
+
+def test_a_warning_is_there_for_one_cycle() -> None:
+    watch, found = monitor(), []
+    for values, torque in drive(40.0, slope=0.05):
+        watch.look(View(values, (True,) * len(values), 1), (torque, torque), balances=True)
+        found.append(watch.warning)
+    assert len([warning for warning in found if warning is not None]) == 1
+
+
 def test_a_robot_that_moves_as_designed_is_not_warned_of() -> None:
     watch = monitor()
     assert looked(watch, drive(60.0)) == []
-    assert watch.warned == [False] * 4
+    assert watch.deviations.warned == [False] * 4
     assert len(watch.values) == len(SHOWN) == 5
 
 
@@ -90,7 +105,7 @@ def test_what_differs_is_named_with_its_size(cause: str, differs: dict[str, floa
     said = looked(watch, drive(40.0, **differs))
     assert f"does not move as designed: {cause} {'+' if size > 0.0 else '-'}" in said[0]
     assert watch.estimates[CAUSES.index(cause)] == pytest.approx(size, rel=0.4)
-    assert watch.warned == [each == cause for each in CAUSES]
+    assert watch.deviations.warned == [each == cause for each in CAUSES]
 
 
 def test_a_warning_ends_once_the_robot_moves_as_designed_again() -> None:
@@ -98,7 +113,7 @@ def test_a_warning_ends_once_the_robot_moves_as_designed_again() -> None:
     looked(watch, drive(30.0, slope=0.05))
     said = looked(watch, drive(60.0))
     assert "the robot moves as designed again: slope" in said[-1]
-    assert not any(watch.warned)
+    assert not any(watch.deviations.warned)
 
 
 def test_pushes_are_not_learnt_from() -> None:
@@ -130,7 +145,7 @@ def test_of_a_voltage_the_motor_makes_the_torque() -> None:
     for values, torque in drive(30.0, slope=0.05):
         volts = resistance * torque / constant + constant * values[0]
         watch.look(View(values, (True,) * len(values), 1), (volts, volts), balances=True)
-    assert watch.warned == [False, True, False, False]
+    assert watch.deviations.warned == [False, True, False, False]
 
 
 def test_commands_count_after_the_delay() -> None:
@@ -168,14 +183,40 @@ def test_the_monitor_compares_with_the_commands_at_their_places() -> None:
 
 
 @pytest.mark.parametrize(
+    ("motor", "commands", "places"),
+    [
+        (None, ("spare", "right.torque", "left.torque"), (2, 1)),
+        (MotorSettings(resistance=0.08, constant=0.025), ("left.voltage", "right.voltage", "left.torque"), (0, 1)),
+    ],
+)
+def test_the_commands_are_of_the_kind_that_the_wheels_take(
+    motor: MotorSettings | None, commands: tuple[str, ...], places: tuple[int, int]
+) -> None:
+    assert command_places(replace(SETTINGS, motor=motor), commands) == places
+
+
+NEEDS = "safety.residual needs safety.posture and the commands left.{0} and right.{0}: with `motor` it is for wheels "
+
+
+@pytest.mark.parametrize(
     ("settings", "commands"),
     [
         (SafetySettings(residual=SETTINGS, posture=PostureSettings(down_rad=0.4)), ("left.voltage", "right.voltage")),
+        (SafetySettings(residual=SETTINGS, posture=PostureSettings(down_rad=0.4)), ("left.torque",)),
+        (SafetySettings(residual=SETTINGS, posture=PostureSettings(down_rad=0.4)), ("right.torque",)),
         (SafetySettings(residual=SETTINGS), ("left.torque", "right.torque")),
         (SafetySettings(residual=SETTINGS, posture=PostureSettings(down_rad=0.4)), ()),
     ],
 )
 def test_it_needs_a_posture_and_its_commands(settings: SafetySettings, commands: tuple[str, ...]) -> None:
     signals = (*SIGNALS, "imu.linear_acceleration_y", "imu.linear_acceleration_z")
-    with pytest.raises(ConfigurationError, match=r"safety\.residual needs safety\.posture and the commands"):
+    with pytest.raises(ConfigurationError) as refused:
         SafetyMonitor(settings, signals, (), 5_000_000, commands)
+    assert str(refused.value) == NEEDS.format("torque") + "that take a voltage, without for a torque"
+
+
+def test_wheels_that_take_a_voltage_need_commands_of_it() -> None:
+    settings = replace(SETTINGS, motor=MotorSettings(resistance=0.08, constant=0.025))
+    with pytest.raises(ConfigurationError) as refused:
+        command_places(settings, ("left.torque", "right.torque"))
+    assert str(refused.value) == NEEDS.format("voltage") + "that take a voltage, without for a torque"
