@@ -10,6 +10,11 @@ class SegwayEccError(Exception):
 
     exit_code: ClassVar[int] = 1
 
+    def __str__(self) -> str:
+        """The text in one line: what a name from outside would end or overwrite it with is shown as an escape."""
+        text = super().__str__()
+        return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
 
 class HardwareError(SegwayEccError):
     """Root of the hardware layer's errors."""

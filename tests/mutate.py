@@ -45,7 +45,7 @@ TESTED_BY: Final = {
     "node/safety/posture": ["posture", "monitor"],
     "node/safety/modes": ["modes", "modes_machine", "modes_station"],
     "node/safety/residual": ["residual_reference", "residual"],
-    "node/safety/plausibility": ["plausibility", "plausibility_following"],
+    "node/safety/plausibility": ["plausibility", "plausibility_following", "runaway"],
     "firmware_io/drives/stopper": ["firmware_io/guard/stoppers", "firmware_io/guard/watch"],
     "firmware_io/drives/cia402/stopper": ["firmware_io/guard/stoppers"],
     "firmware_io/drives/moteus/stopper": ["firmware_io/guard/moteus_stopper"],

@@ -23,7 +23,7 @@ from segway_ecc.deploy.image.recipe import (
     ImageError,
     Recipe,
     base_archive,
-    cache_folder,
+    image_cache,
     inside,
     installed_packages,
     missing,
@@ -62,7 +62,7 @@ def collect_wheels(wheel: Path, recipe: Recipe, python: str) -> list[Path]:
     ours = f"{sys.version_info.major}.{sys.version_info.minor}"
     if python != ours:
         raise ImageError(f"the image's Python is {python} and this one is {ours}: run the builder with Python {python}")
-    folder = cache_folder() / f"wheels-{python}-{'-'.join(sorted(recipe.extras)) or 'plain'}"
+    folder = image_cache() / f"wheels-{python}-{'-'.join(sorted(recipe.extras)) or 'plain'}"
     kept = folder / ".requirements"
     with zipfile.ZipFile(wheel) as archive:
         name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
@@ -216,7 +216,7 @@ def _assemble(
     on_step("Python packages")
     kept = base.with_suffix(".python")  # the version of the image's Python, such as 3.11
     if not kept.exists():
-        with tempfile.TemporaryDirectory(prefix="base-", dir=cache_folder()) as work:
+        with tempfile.TemporaryDirectory(prefix="base-", dir=image_cache()) as work:
             tree.unpack(base, Path(work) / "root")
             show = "import sys; print('%d.%d' % sys.version_info[:2])"
             kept.write_text(inside(Path(work) / "root", ["python3", "-c", show]).strip(), "ascii")
@@ -238,9 +238,9 @@ def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:
     """The archive with all that our wheel needs, kept: it changes with the dependencies only."""
     parts = [_PLATFORM, base.name, version, *(f"{name} {digest}" for name, digest in hashes_of(wheels).items())]
     digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
-    archive = cache_folder() / f"platform-{digest}.tar"
+    archive = image_cache() / f"platform-{digest}.tar"
     if not archive.exists():
-        with tempfile.TemporaryDirectory(prefix="platform-", dir=cache_folder()) as work:
+        with tempfile.TemporaryDirectory(prefix="platform-", dir=image_cache()) as work:
             root = Path(work) / "root"
             tree.unpack(base, root)
             install_wheels(root, version, wheels)

@@ -68,8 +68,8 @@ def run(words: Sequence[str], *, env: Mapping[str, str] | None = None, cwd: Path
         list(words), env=variables, cwd=cwd, capture_output=True, text=True, errors="replace", check=False
     )
     if done.returncode:
-        last = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-_LINES:])
-        raise ImageError(f"{words[0]} failed with status {done.returncode}:\n  {last}")
+        last = " | ".join((done.stderr or done.stdout).strip().splitlines()[-_LINES:])
+        raise ImageError(f"{words[0]} failed with status {done.returncode}: {last}")
     return done.stdout
 
 
@@ -113,7 +113,7 @@ class Recipe:
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
-def cache_folder() -> Path:
+def image_cache() -> Path:
     """Where what takes long is kept (XDG base directories)."""
     folder = folders.cache_folder() / "image"
     folder.mkdir(parents=True, exist_ok=True)
@@ -128,7 +128,7 @@ def base_archive(recipe: Recipe) -> Path:
     Raises:
         ImageError: A package is not to be had, or mmdebstrap does not work here.
     """
-    archive = cache_folder() / f"base-{recipe.suite}-{recipe.base_digest}.tar"
+    archive = image_cache() / f"base-{recipe.suite}-{recipe.base_digest}.tar"
     if archive.exists():
         return archive
     part = archive.with_name(f".{os.getpid()}-{archive.name}")

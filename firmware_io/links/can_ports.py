@@ -350,7 +350,7 @@ class PythonCanPort:
             options = {**options, "fd": True, "data_bitrate": bus.fd_bitrate}
         try:
             self._bus = can.Bus(channel=channel, interface=interface, bitrate=bus.bitrate, **options)
-        except (can.CanError, ValueError, ImportError) as error:
+        except Exception as error:  # a driver may raise anything, NameErrors included
             raise OSError(str(error)) from error
 
     def send(self, frame: Frame) -> None:

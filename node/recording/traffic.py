@@ -93,7 +93,7 @@ def listen(settings: CanSettings, log: CandumpLog, is_over: Callable[[], bool]) 
         options = {"fd": True, "data_bitrate": settings.fd_bitrate}
     try:
         bus = can.Bus(interface=interface, channel=channel, bitrate=settings.bitrate, **options)
-    except (can.CanError, OSError, ValueError, ImportError) as error:
+    except Exception as error:  # a driver may raise anything, NameErrors included
         raise BusNotFoundError(f"cannot listen on CAN bus {interface} {channel}: {error}") from error
     with bus:
         flushed_s = time.monotonic()

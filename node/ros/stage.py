@@ -146,7 +146,7 @@ class RosStage:
         """Call into ROS; what fails there is logged, and the robot goes on without it."""
         try:
             function(*arguments)
-        except RuntimeError as error:  # the root of what rclpy's C++ core raises
+        except Exception as error:  # noqa: BLE001 - whatever fails in ROS, or in what others send, ends nothing here
             self._warn_once(f"ROS failed: {error}; the robot goes on without this message")
 
     def _warn_once(self, text: str) -> None:

@@ -2,6 +2,7 @@
 """`segway-ecc model simulate MODEL`: a model alone, under given inputs, to a table, CSV, MCAP or a plot."""
 
 import argparse
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ from segway_ecc.node.cli.options import (
 )
 from segway_ecc.node.cli.panels import Signal, draw_panels
 from segway_ecc.node.errors import ConfigurationError, ModelFailedError, plain_number
-from segway_ecc.node.model.model import simulate
+from segway_ecc.node.model.model import Model, Sample, simulate
 from segway_ecc.node.models.load import load_model, locate
 from segway_ecc.node.recording.mcap_log import McapLog, topic_name
 from segway_ecc.node.safety.limiter import not_finite
@@ -51,14 +52,17 @@ def run(options: argparse.Namespace) -> int:
     check_seconds(options, "duration", _LONGEST_S)
     parameters, held = _assignments("--set", options.set), _assignments("--input", options.input)
     source = locate(options.model, [Path()])
-    samples, steps = [], Steps()
+    steps, failure = Steps(), None
+    kept = None if options.csv or options.mcap or options.plot else 1
+    samples: deque[Sample] = deque(maxlen=kept)
     with model_failures(source), model_watchdog(source) as watchdog:
         model = watchdog.watch(load_model(source, parameters, method=options.method, step_size=options.step))
         model.counter = steps
         count_steps("duration", options.duration, model.step_size)
         for sample in simulate(model, held, options.duration):
             samples.append(sample)
-            steps.cycle = len(samples)
+            steps.cycle += 1
+            failure = failure or _not_finite_output(model, sample)
     if options.csv is not None:
         header = ["time", *(v.name for v in (*model.inputs, *model.outputs))]
         write_csv(options.csv, header, ([sample.time, *sample.u, *sample.y] for sample in samples))
@@ -75,11 +79,17 @@ def run(options: argparse.Namespace) -> int:
     outputs = {v.name: value for v, value in zip(model.outputs, last.y, strict=True)}
     texts = {v.name: f"{outputs[v.name]:.6g} {v.unit}" for v in model.outputs}
     print_found(options, {"time_s": last.time, "outputs": outputs}, {"time": f"{last.time:g} s", **texts})
-    for sample in samples:
-        if (place := not_finite(sample.y)) is not None:
-            output = f"output '{model.outputs[place].name}' of model '{model.name}'"
-            raise ModelFailedError(f"{output} is not finite: {sample.y[place]} at {sample.time:g} s")
+    if failure is not None:
+        raise ModelFailedError(failure)
     return 0
+
+
+def _not_finite_output(model: Model, sample: Sample) -> str | None:
+    place = not_finite(sample.y)
+    if place is None:
+        return None
+    output = f"output '{model.outputs[place].name}' of model '{model.name}'"
+    return f"{output} is not finite: {sample.y[place]} at {sample.time:g} s"
 
 
 def _assignments(option: str, texts: Sequence[str]) -> dict[str, float]:

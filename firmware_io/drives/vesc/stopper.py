@@ -29,9 +29,12 @@ class VescStopper(WheelStopper):
 
     def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
-        command, controller_id = vesc.addressed(frame) or (None, None)
-        name = self._names.get(controller_id) if controller_id is not None else None
-        if name is None or frame.is_remote:
+        addressed = vesc.addressed(frame)
+        if addressed is None or frame.is_remote:
+            return None
+        command, controller_id = addressed
+        name = self._names.get(controller_id)
+        if name is None:
             return None
         if command in _OTHERS:
             return Observation(name, Meaning.MOVE)

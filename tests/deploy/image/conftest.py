@@ -14,7 +14,7 @@ import pytest
 
 from segway_ecc.deploy.image import disk
 from segway_ecc.deploy.image.build import BuildOptions, Image, build, image_in
-from segway_ecc.deploy.image.recipe import Recipe, cache_folder
+from segway_ecc.deploy.image.recipe import Recipe, image_cache
 from tests.deploy.image.robot import SwitchOn
 from tests.deploy.image.uml_machine import Machine, switched_on
 
@@ -72,9 +72,9 @@ def _digest() -> str:
 @pytest.fixture(scope="session")
 def image() -> Image:
     """An image with ROS, a virtual bus and the segway; in the cache, where the next run finds it."""
-    folder = cache_folder() / f"test-{_digest()}"
+    folder = image_cache() / f"test-{_digest()}"
     if not (folder / "complete").exists():
-        for old in cache_folder().glob("test-*"):
+        for old in image_cache().glob("test-*"):
             if old.stat().st_mtime < time.time() - KEPT_S:  # another run may be using a newer one
                 shutil.rmtree(old)
         with tempfile.TemporaryDirectory() as work:

@@ -21,7 +21,7 @@ from typing import Final
 
 from segway_ecc.deploy.image import disk
 from segway_ecc.deploy.image.build import BuildOptions, build, image_in
-from segway_ecc.deploy.image.recipe import Recipe, cache_folder
+from segway_ecc.deploy.image.recipe import Recipe, image_cache
 from segway_ecc.hil.kernels.guest import search_path
 from tests.deploy.image.conftest import CONFIG, ROOT
 
@@ -71,10 +71,10 @@ def _digest() -> str:
 @functools.cache
 def disk_folder() -> Path:
     """The folder with `disk.img`, its kernel, `key` to come in by ssh, and the image itself; kept for the next run."""
-    folder = cache_folder() / f"test-disk-{_digest()}"
+    folder = image_cache() / f"test-disk-{_digest()}"
     if (folder / "complete").exists():
         return folder
-    for old in cache_folder().glob("test-disk-*"):
+    for old in image_cache().glob("test-disk-*"):
         shutil.rmtree(old)
     folder.mkdir()
     subprocess.run([_program("ssh-keygen"), "-q", "-t", "ed25519", "-N", "", "-f", folder / "key"], check=True)
@@ -190,7 +190,7 @@ def switched_on(image: Path, folder: Path, *masked: str) -> Iterator[DiskMachine
 @contextlib.contextmanager
 def own_disk() -> Iterator[Path]:
     """A disk to write on, as it comes from the builder."""
-    place = cache_folder()  # on a disk: it may grow to gigabytes
+    place = image_cache()  # on a disk: it may grow to gigabytes
     with tempfile.TemporaryDirectory(prefix="run-", dir=place) as folder:
         image = Path(folder) / "disk.img"
         # Of what is empty nothing is read.

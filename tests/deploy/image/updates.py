@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from segway_ecc.deploy.image.build import build_wheel
-from segway_ecc.deploy.image.recipe import cache_folder
+from segway_ecc.deploy.image.recipe import image_cache
 from tests.deploy.image.robot import Robot
 
 RELEASES: Final = "/opt/segway-ecc/releases/"
@@ -79,7 +79,7 @@ class Updates:
         """Let the machine reach itself over ssh, and give it our wheel and all that it needs."""
         share = robot.machine.share
         wheels = share / "cache" / "segway-ecc" / "wheels" / f"manylinux_2_36_x86_64-cp{python.replace('.', '')}"
-        shutil.copytree(cache_folder() / f"wheels-{python}-ros", wheels)
+        shutil.copytree(image_cache() / f"wheels-{python}-ros", wheels)
         (share / "ssh_config").write_text(_CONFIG, "ascii")
         robot.machine.run(_KEYS)
         command = robot.machine.run("readlink -f /usr/bin/segway-ecc").strip()

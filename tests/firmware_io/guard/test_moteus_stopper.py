@@ -46,6 +46,7 @@ def test_it_names_its_drives_and_they_report() -> None:
         (0x80, bytes.fromhex("01000f"), MOVE),
         (0x80, bytes.fromhex("0500000a00"), MOVE),
         (0x80, bytes.fromhex("1f01"), None),
+        (0x80, bytes.fromhex("100100"), None),
         (0x80, bytes.fromhex("420130"), None),
         (0x80, b"", None),
     ],

@@ -125,14 +125,14 @@ def test_an_interface_that_goes_while_it_is_looked_at_is_down(devices: Path) -> 
         make_can_link("socketcan", "can0", 500_000).open()
 
 
-@pytest.mark.parametrize("interface", ["no-such-interface", "slcan"])
+@pytest.mark.parametrize("interface", ["no-such-interface", "slcan", "kvaser", "robotell", "socketcand"])
 def test_a_bus_that_cannot_be_opened_is_one_line_that_names_it(interface: str) -> None:
     with pytest.raises(BusNotFoundError, match=f"^cannot open CAN bus {interface} /no/such/port: .+") as error:
         make_python_can_link(interface, "/no/such/port", 500_000).open()
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("kind", [can.CanInitializationError, OSError, ValueError, ImportError])
+@pytest.mark.parametrize("kind", [can.CanInitializationError, OSError, ValueError, ImportError, NameError, TypeError])
 def test_whatever_a_backend_raises_on_opening_is_ours(monkeypatch: pytest.MonkeyPatch, kind: type[Exception]) -> None:
     def fail(**_: object) -> None:
         raise kind("out of order")

@@ -89,6 +89,8 @@ def test_a_missing_bus_is_reported(tmp_path: Path) -> None:
     with CandumpLog(tmp_path / "bus.log", 10_000) as log:
         with pytest.raises(BusNotFoundError, match="cannot listen on CAN bus telepathy robot"):
             listen(CanSettings(interface="telepathy"), log, lambda: True)
+        with pytest.raises(BusNotFoundError, match="cannot listen on CAN bus kvaser robot"):
+            listen(CanSettings(interface="kvaser"), log, lambda: True)
         with pytest.raises(BusNotFoundError, match="nosuch0"):
             listen(CanSettings(interface="socketcan", channel="nosuch0"), log, lambda: True)
 

@@ -91,6 +91,23 @@ def test_mode_is_published_first() -> None:
     assert graph.topics_published_in(1) == TOPICS
 
 
+@pytest.mark.parametrize("kind", [RuntimeError, ValueError, UnicodeError, AttributeError])
+def test_what_fails_in_ros_is_logged_once_and_ends_nothing(
+    caplog: pytest.LogCaptureFixture, kind: type[Exception]
+) -> None:
+    graph = Graph()
+    graph.subscribers = set(TOPICS)
+    graph.stage.update_subscribed_topics()
+    failing = MagicMock(publish=MagicMock(side_effect=kind("out of order")))
+    graph.stage._subscribed.insert(1, failing)
+    with caplog.at_level("WARNING"):
+        assert graph.topics_published_in(1) == graph.topics_published_in(2) == TOPICS
+    assert failing.publish.call_count == 2
+    assert [record.getMessage() for record in caplog.records] == [
+        "ROS failed: out of order; the robot goes on without this message"
+    ]
+
+
 class Handle:
     """A subscription's handle with one message, which hands out bytes only where they are asked for."""
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import csv
 import json
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -122,3 +123,16 @@ def test_a_mistake_is_told_in_one_line(segway_ecc: Run, words: tuple[str, ...], 
     (line,) = outcome.errors
     assert line.startswith("segway-ecc: ")
     assert text in line
+
+
+def test_a_simulation_that_is_not_kept_takes_no_more_memory_the_longer_it_lasts(segway_ecc: Run) -> None:
+    def most(duration: str) -> int:
+        tracemalloc.start()
+        try:
+            segway_ecc("model", "simulate", CONTROLLER, "--duration", duration)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    most("1")  # what is imported stays
+    assert most("20") < most("1") + 100_000
