@@ -16,6 +16,7 @@ from segway_ecc.hil.identify.prediction import Predictor
 from segway_ecc.hil.identify.quantities import Quantity, quantities
 from segway_ecc.hil.identify.windows import Run, windows_of
 from segway_ecc.node.models.segway_parameters import SegwayParameters
+from segway_ecc.node.readable import short
 
 _HARDLY_FOUND: Final = 0.7
 """Share of the deviation before that is left, from which on the runs count as showing nothing of it."""
@@ -69,7 +70,7 @@ class Estimate:
     @property
     def interval_text(self) -> str:
         """The half width, for a table."""
-        return f"{100.0 * self.half_width:.1f} %" if self.is_size else f"{self.half_width:.2g}"
+        return f"{100.0 * self.half_width:.1f} %" if self.is_size else short(float(f"{self.half_width:.2g}"))
 
     @property
     def remark(self) -> str:
