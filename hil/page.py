@@ -4,6 +4,10 @@
 import importlib.resources
 from collections.abc import Iterable, Mapping
 from html import escape
+from typing import Final
+
+_ONE_LINE: Final = 40
+"""Characters of a cell; a longer text is broken."""
 
 
 def page(title: str, introduction: str, sections: Iterable[str]) -> str:
@@ -45,5 +49,10 @@ def table(label: str, head: Iterable[str], rows: Iterable[str]) -> str:
 
 
 def table_row(cells: Iterable[str]) -> str:
-    """A row of plain cells, as HTML."""
-    return f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in cells)}</tr>\n"
+    """A row of plain cells, as HTML; one that holds sentences is read as such, in lines."""
+    return f"<tr>{''.join(map(_cell, cells))}</tr>\n"
+
+
+def _cell(text: str) -> str:
+    prose = ' class="prose"' if len(text) > _ONE_LINE else ""
+    return f"<td{prose}>{escape(text)}</td>"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.hil.page import page, pairs, section, wide
+from segway_ecc.hil.page import page, pairs, section, table_row, wide
 
 SCRIPT = "<script>'&\"</script>"
 ESCAPED = "&lt;script&gt;&#x27;&amp;&quot;&lt;/script&gt;"
@@ -34,4 +34,11 @@ def test_what_is_wide_can_be_scrolled_with_the_keyboard_and_has_a_label() -> Non
 def test_pairs_are_a_list() -> None:
     assert pairs({"a": "1", SCRIPT: SCRIPT}) == (
         f"<dl>\n<dt>a</dt>\n<dd>1</dd>\n<dt>{ESCAPED}</dt>\n<dd>{ESCAPED}</dd>\n</dl>\n"
+    )
+
+
+def test_a_cell_that_holds_sentences_is_broken_and_others_are_not() -> None:
+    sentence = "the guard stops the drives; torque is zero"
+    assert table_row(["0.3", sentence, SCRIPT]) == (
+        f'<tr><td>0.3</td><td class="prose">{sentence}</td><td>{ESCAPED}</td></tr>\n'
     )
