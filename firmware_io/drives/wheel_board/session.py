@@ -38,7 +38,8 @@ SESSION_SILENT_S: Final = 0.2
 
 _LEFTS_KEPT: Final = 4
 """Left frames that wait: of two commands that are queued at once the lower identifiers win the bus, the left ones."""
-_CARRIED: Final = 0x7FFF
+CARRIED: Final = 0x7FFF
+"""The bits of the counter that a frame carries."""
 _EPOCH_BITS: Final = 15
 _ENABLE: Final = 0x8000
 _COUNTS: Final = 1 << 32
@@ -116,7 +117,7 @@ class CommandSession:
 
     def _next_word(self, flags: int) -> int:
         self.counter = (self.counter + 1) % _COUNTS
-        return self.counter & _CARRIED | flags
+        return self.counter & CARRIED | flags
 
     def _sealed(self, identifier: CommandId, body: bytes) -> Frame:
         return Frame(identifier, body + _CODE.pack(code_of(self.number, self.counter, identifier, body)))
@@ -157,7 +158,7 @@ class CommandReceiver:
         if len(data) != _LENGTH:
             return Refusal.LENGTH
         session, word = self._session, data[2] | data[3] << 8
-        ahead = (word - session.counter) & _CARRIED
+        ahead = (word - session.counter) & CARRIED
         if not session.is_begun or not 1 <= ahead <= self._window:
             return Refusal.COUNTER
         counter, body = (session.counter + ahead) % _COUNTS, data[:_BODY]

@@ -13,14 +13,12 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     FrameId,
     WheelCommand,
 )
-from segway_ecc.firmware_io.drives.wheel_board.session import CommandReceiver, CommandSession
+from segway_ecc.firmware_io.drives.wheel_board.session import CARRIED, CommandReceiver, CommandSession
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
 _OFF: Final = WheelCommand(0.0, 0.0, enable=False)
 _BURST: Final = 2
-_ANY_AHEAD: Final = 0x7FFF
-"""All that the bits of a counter can say: who looks in on a session knows only those that the board announces."""
 
 
 class WheelBoardStopper:
@@ -74,7 +72,8 @@ class SessionBoardStopper:
     def __init__(self) -> None:
         """Know nothing of the session."""
         self._session = CommandSession()
-        self._receiver = CommandReceiver(self._session, _ANY_AHEAD)
+        # Who looks in on a session knows only the counter that the board announces, so any may follow it.
+        self._receiver = CommandReceiver(self._session, CARRIED)
 
     def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""

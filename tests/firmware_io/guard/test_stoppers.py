@@ -69,12 +69,11 @@ def test_what_a_wheel_board_s_frames_mean() -> None:
     assert stopper.read(command(1, enable=True)) == Observation("board", MOVE)
     assert read(stopper, command(1, enable=True, voltage=2.0)) is MOVE
     assert read(stopper, command(1, enable=False)) is DISABLE
-    meanings = {state: read(stopper, Frame(0x130, data)) for state, data in states.items()}
-    assert meanings == {
-        BoardState.DISABLED: OFF,
-        BoardState.ENABLED: ON,
-        BoardState.WATCHDOG: OFF,
-        BoardState.FAULT: OFF,
+    assert {state: stopper.read(Frame(0x130, data)) for state, data in states.items()} == {
+        BoardState.DISABLED: Observation("board", OFF),
+        BoardState.ENABLED: Observation("board", ON),
+        BoardState.WATCHDOG: Observation("board", OFF),
+        BoardState.FAULT: Observation("board", OFF),
     }
 
 
@@ -95,6 +94,10 @@ def test_a_wheel_board_s_stop_frames_count_on_where_the_node_was() -> None:
     off = [Frame(0x110, encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), n)) for n in (15, 16, 1, 2)]
 
     assert [*stopper.stop(), *stopper.stop()] == off
+
+
+def test_a_wheel_board_is_stopped_although_nothing_was_heard_of_the_node() -> None:
+    assert [frame.data[6] & 15 for frame in stopper_of(hardware("cart-can")).stop()] == [1, 2]
 
 
 def test_a_wheel_board_s_status_does_not_move_the_counter() -> None:
