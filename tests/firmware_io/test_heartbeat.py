@@ -6,6 +6,7 @@ import re
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,55 @@ def test_the_owner_knows_whether_a_guard_answers(listener: HeartbeatListener, ow
     assert found == [False, True, False]
 
 
+def test_a_guard_answers_for_a_tenth_of_a_second(listener: HeartbeatListener) -> None:
+    times = [1_000 * MS]
+    owner = BusOwner(CAN, lambda: times[-1])
+    owner.open()
+    introduce(owner, listener)
+    owner.beat(is_on=False)
+    found = []
+    for later_ns in (0, 100 * MS, 100 * MS + 1):
+        times.append(1_000 * MS + later_ns)
+        found.append(owner.has_guard)
+    owner.close()
+
+    assert found == [True, True, False]
+
+
+def test_nothing_is_known_of_a_guard_before_the_bus_is_owned_and_after(
+    listener: HeartbeatListener, owner: BusOwner
+) -> None:
+    before = BusOwner(CAN)
+    assert (before.needs_guard, before.has_guard, before.stops) == (False, False, "")
+    assert BusOwner(CAN, needs_guard=True).needs_guard
+    introduce(owner, listener)
+    listener.answer("something")
+    owner.beat(is_on=True)
+    assert (owner.has_guard, owner.stops) == (True, "something")
+    owner.close()
+
+    assert (owner.has_guard, owner.stops) == (False, "")
+
+
+def test_a_long_reason_is_cut_also_within_a_letter(listener: HeartbeatListener, owner: BusOwner) -> None:
+    introduce(owner, listener)
+    found = []
+    for text in ("x" * 300, "x" + "\u00e9" * 150):
+        listener.answer(text)
+        owner.beat(is_on=True)
+        found.append(owner.stops)
+
+    assert found == ["x" * 200, "x" + "\u00e9" * 99 + "\ufffd"]
+
+
+def test_a_pause_is_a_hundredth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr(time, "sleep", slept.append)
+    BusOwner(CAN).pause()
+
+    assert slept == [0.01]
+
+
 def test_a_guard_that_answers_again_is_there_again(listener: HeartbeatListener, owner: BusOwner, now: Now) -> None:
     introduce(owner, listener)
     now.ns += 1_000 * MS
@@ -306,11 +356,14 @@ def test_an_owner_is_named_as_often_as_anybody_asks_and_also_while_it_is_stopped
         "print('open', flush=True); sys.stdin.read()"
     )
     pipe = subprocess.PIPE
-    with subprocess.Popen([sys.executable, "-c", words], stdin=pipe, stdout=pipe, text=True) as other:
+    with subprocess.Popen(
+        [sys.executable, "-c", words, "one", "two\udcff"], stdin=pipe, stdout=pipe, text=True
+    ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "open\n"
+        shown = re.escape(f"{sys.executable} -c {words} one two\ufffd"[-80:])
         for _ in range(300):
-            with pytest.raises(BusOwnedError, match=rf"controlled by process {other.pid} \("):
+            with pytest.raises(BusOwnedError, match=rf"controlled by process {other.pid} \({shown}\): a bus"):
                 BusOwner(CAN).open()
         other.kill()
     again = BusOwner(CAN)
@@ -383,6 +436,7 @@ def test_a_serial_line_is_known_by_its_name_and_not_by_what_the_name_leads_to(tm
     assert address_of(PortSettings(port=str(tmp_path / "folder" / "adapter"), baudrate=9_600)) == before
     assert address_of(PortSettings(port=str(tmp_path / "other"))) != before
     assert name_of(PortSettings(port="socket://bench:1")) == "serial socket://bench:1"
+    assert name_of(line) == f"serial {tmp_path.resolve() / 'adapter'}"
 
 
 def test_the_code_is_keyed_blake2s() -> None:
