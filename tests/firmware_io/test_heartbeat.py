@@ -349,6 +349,17 @@ def test_a_bus_has_one_owner_who_is_named(owner: BusOwner) -> None:
     second.close()
 
 
+def test_an_owner_whose_command_may_not_be_read_is_named_by_its_number(
+    owner: BusOwner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_path: Path) -> bytes:
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(BusOwnedError, match=rf"is controlled by process {os.getpid()}: a bus has one controller"):
+        BusOwner(CAN).open()
+
+
 def test_an_owner_is_named_as_often_as_anybody_asks_and_also_while_it_is_stopped() -> None:
     words = (
         "import sys; from segway_ecc.firmware_io.heartbeat import BusOwner; from segway_ecc.firmware_io.links.settings "
