@@ -99,7 +99,7 @@ def test_a_guard_that_starts_beside_a_node_that_runs_has_its_next_heartbeat(owne
     owner.beat(is_on=True)
 
     assert list(listener.take_heartbeats()) == [True]
-    assert listener.refused == 0
+    assert (listener.refused, owner.stops) == (0, "")
     listener.close()
 
 
