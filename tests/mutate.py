@@ -43,6 +43,7 @@ TESTED_BY: Final = {
     "node/safety/check": ["check", "monitor"],
     "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/posture": ["posture", "monitor"],
+    "node/safety/monitor": ["monitor", "residual"],
     "node/safety/modes": ["modes", "modes_machine", "modes_station"],
     "node/safety/residual": ["residual_reference", "residual"],
     "node/safety/plausibility": ["plausibility", "plausibility_following", "runaway"],

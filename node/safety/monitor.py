@@ -188,11 +188,9 @@ class SafetyMonitor:
             "tilt_limit_rad": settings.tilt_limit_rad,
             "tilt_rate_limit": settings.tilt_rate_limit,
         }
-        key = next((key for key, value in wanted.items() if value is not None), None)
-        if key is None:
-            if settings.checklist is None or not self._imu:
-                return None
-            key = "checklist"
+        key = next((key for key, value in wanted.items() if value is not None), "")
+        if not key and (settings.checklist is None or not self._imu):
+            return None
         return TiltWatch(self._places(key, _IMU), self._period_s, settings.tilt_limit_rad, settings.tilt_rate_limit)
 
     def _make_gravity(self) -> GravityCheck | None:

@@ -349,9 +349,8 @@ def test_a_bus_has_one_owner_who_is_named(owner: BusOwner) -> None:
     second.close()
 
 
-def test_an_owner_whose_command_may_not_be_read_is_named_by_its_number(
-    owner: BusOwner, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("owner")
+def test_an_owner_whose_command_may_not_be_read_is_named_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_path: Path) -> bytes:
         raise PermissionError
 

@@ -9,6 +9,7 @@ import pytest
 
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.monitor import SafetyMonitor
+from segway_ecc.node.safety.posture import Body
 from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
@@ -269,6 +270,7 @@ def test_what_the_model_uses_is_needed_too_and_named_once() -> None:
 
 
 MISSING: list[tuple[SafetySettings, str, str]] = [
+    (SafetySettings(posture=PostureSettings(down_rad=0.5)), "posture", GYRO[0]),
     (SafetySettings(tilt_limit_rad=0.5), "tilt_limit_rad", GYRO[0]),
     (SafetySettings(tilt_rate_limit=0.5), "tilt_rate_limit", GYRO[0]),
     (SafetySettings(wheel_velocity_limit=0.5), "wheel_velocity_limit", "left.velocity"),
@@ -413,6 +415,34 @@ def test_a_body_is_still_once_nothing_has_moved_for_0_3_s() -> None:
         rig.run()
         was_still.append(rig.monitor.body.is_still)
     assert was_still == [False] * 59 + [True]
+
+
+@pytest.mark.parametrize("wheel", ["left.velocity", "right.velocity"])
+@pytest.mark.parametrize(("speed", "is_still"), [(0.5, True), (-0.5, True), (0.51, False), (-0.51, False)])
+def test_a_body_is_still_where_each_wheel_is(wheel: str, speed: float, *, is_still: bool) -> None:
+    rig = Rig(SafetySettings(posture=PostureSettings(down_rad=0.4)))
+    rig.values[wheel] = speed
+    for _ in range(61):
+        rig.run()
+    assert rig.monitor.body.is_still is is_still
+
+
+def test_of_a_robot_without_a_posture_no_body_is_known() -> None:
+    rig = Rig()
+    assert rig.monitor.body == Body(None, is_still=False)
+    for _ in range(200):
+        rig.run()
+    assert rig.monitor.body == Body(None, is_still=False)
+
+
+def test_the_time_between_two_cycles_is_what_passed() -> None:
+    rig = Rig()
+    assert rig.monitor.elapsed_s == 0.005
+    rig.run()
+    rig.run(late_ns=MS)
+    assert rig.monitor.elapsed_s == pytest.approx(0.006)
+    rig.run(skip=2)
+    assert rig.monitor.elapsed_s == pytest.approx(0.014)
 
 
 def test_a_gyro_alone_is_no_imu() -> None:

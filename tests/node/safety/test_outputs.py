@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import math
 from collections.abc import Iterable
 
 import pytest
@@ -18,6 +19,7 @@ GIVEN = {
 REFUSED = (
     "^no signal of safety.output_limits that an output of the model gives is called 'odometry.heading'; there is left"
 )
+ALL_NUMBERS = "-1.79769e+308 to 1.79769e+308"
 OSCILLATION = OscillationLimit(amplitude=2.0, in_window=4, window_s=0.1)
 
 
@@ -55,6 +57,19 @@ def test_a_value_beyond_its_limit_is_a_fault_that_names_signal_figure_and_limit(
     for limit in (3.0, -3.0):
         assert limited.look(outputs(*[limit] * 5), PERIOD_S, is_active=is_active) is None, "at its limit it is allowed"
     assert limited.fault is None
+
+
+@pytest.mark.parametrize(
+    ("limits", "allowed"),
+    [({}, ALL_NUMBERS), ({"topic.pitch": 3.0}, "-3 to 3"), ({"odometry.x": 3.0}, ALL_NUMBERS)],
+)
+def test_what_is_computed_of_the_outputs_is_a_fault_where_it_is_beyond_all_numbers(
+    limits: dict[str, float], allowed: str
+) -> None:
+    computed = OutputWatch(SafetySettings(output_limits=limits), GIVEN, ["left.torque"], 4)
+    assert computed.look(outputs(1e308, 1.0, 1e308, 1e308, 1.0), PERIOD_S, is_active=True) is None
+    fault = computed.look(outputs(pitch=math.inf), PERIOD_S, is_active=True)
+    assert fault == f"the model gives topic.pitch inf rad, allowed is {allowed} rad"
 
 
 def test_a_limit_of_what_the_model_does_not_give_is_refused_with_what_it_gives() -> None:

@@ -182,6 +182,19 @@ def test_the_monitor_compares_with_the_commands_at_their_places() -> None:
     assert any(alone.values)
 
 
+def test_the_monitor_learns_nothing_of_a_robot_of_which_nobody_says_that_it_balances() -> None:
+    settings = SafetySettings(residual=SETTINGS, posture=PostureSettings(down_rad=0.4))
+    signals = (*SIGNALS, "imu.linear_acceleration_y", "imu.linear_acceleration_z")
+    watches = [SafetyMonitor(settings, signals, (), 5_000_000, ("left.torque", "right.torque")) for _ in range(2)]
+    for cycle, (values, torque) in enumerate(drive(1.0, mass=1.0)):
+        measured, now_ns = (*values, 0.0, GRAVITY), cycle * 5_000_000
+        watches[0].look(measured, [True] * 8, now_ns, 0, None, (torque, torque))
+        watches[1].look(measured, [True] * 8, now_ns, 0, None, (torque, torque), balances=True)
+    found = [watch.residual.estimates for watch in watches if watch.residual is not None]
+    assert found[0] == [0.0] * 4
+    assert any(found[1])
+
+
 @pytest.mark.parametrize(
     ("motor", "commands", "places"),
     [
