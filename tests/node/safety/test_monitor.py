@@ -18,6 +18,7 @@ from segway_ecc.node.safety.settings import (
     JointLimits,
     LateCyclesLimit,
     PostureSettings,
+    ResidualSettings,
     RunawaySettings,
     SafetySettings,
     SupplyWindow,
@@ -34,6 +35,16 @@ ACCELERATION = tuple(f"imu.linear_acceleration_{axis}" for axis in "xyz")
 SIGNALS = (*WHEELS, *GYRO, *ACCELERATION, "supply.voltage")
 YAW = YawConsistency(track=0.5, wheel_radius=0.1, tolerance_rad_s=0.5, for_s=0.05)
 FOLLOWING = FollowingErrorSettings(track=0.5, wheel_radius=0.1, linear_window=0.2, settle_s=0.1, for_s=0.05)
+RESIDUAL = ResidualSettings(
+    wheel_radius=0.1,
+    imu_height=0.5,
+    mass=5.0,
+    moment=1.0,
+    payload_kg=1.0,
+    slope_rad=0.1,
+    friction_n_m=0.1,
+    radius_share=0.1,
+)
 ALL = SafetySettings(
     tilt_limit_rad=0.6,
     tilt_rate_limit=6.0,
@@ -271,6 +282,7 @@ def test_what_the_model_uses_is_needed_too_and_named_once() -> None:
 
 MISSING: list[tuple[SafetySettings, str, str]] = [
     (SafetySettings(posture=PostureSettings(down_rad=0.5)), "posture", GYRO[0]),
+    (SafetySettings(residual=RESIDUAL), "residual", "left.velocity"),
     (SafetySettings(tilt_limit_rad=0.5), "tilt_limit_rad", GYRO[0]),
     (SafetySettings(tilt_rate_limit=0.5), "tilt_rate_limit", GYRO[0]),
     (SafetySettings(wheel_velocity_limit=0.5), "wheel_velocity_limit", "left.velocity"),
