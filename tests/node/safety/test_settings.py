@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: MIT
 import re
+from typing import get_args
 
 import msgspec
 import pytest
 
 from segway_ecc.node.config import decode_robot
+from segway_ecc.node.cycle.mixing import GeometrySection
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
+    SHARED_LENGTHS,
     ChecklistSettings,
     FollowingErrorSettings,
     GravitySettings,
@@ -283,3 +286,13 @@ def test_a_station_that_makes_no_sense_is_refused_in_one_line(key: str) -> None:
         decode_station(key)
     assert STATIONS_REFUSED[key] in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_robot_s_lengths_in_each_check_stand_in_its_geometry() -> None:
+    lengths = [field.name for field in msgspec.structs.fields(GeometrySection)]
+    found: dict[str, set[str]] = {}
+    for field in msgspec.structs.fields(SafetySettings):
+        sections = [kind for kind in get_args(field.type) if kind in PARTS]
+        names = [part.name for kind in sections for part in msgspec.structs.fields(kind) if part.name in lengths]
+        found |= {field.name: set(names)} if names else {}
+    assert found == {name: set(shared) for name, shared in SHARED_LENGTHS.items()}
