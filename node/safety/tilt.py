@@ -73,7 +73,6 @@ class TiltEstimate:
         if len(self._first) >= self._begin_with:
             x, y, z = (sorted(values)[len(values) // 2] for values in zip(*self._first, strict=True))
             self._up = _unit(x, y, z, hypot(x, y, z))
-            self._first.clear()
 
     @property
     def tilt(self) -> float | None:

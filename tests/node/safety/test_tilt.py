@@ -155,6 +155,14 @@ def test_free_fall_shows_no_direction() -> None:
     assert tilt_of(estimate) == pytest.approx(math.atan2(0.25 * math.sin(0.5), 0.75 + 0.25 * math.cos(0.5)))
 
 
+def test_what_cancels_out_is_upright() -> None:
+    estimate = settled(0.0)
+    estimate.update(STILL, (0.0, 0.0, -G), 200)  # a second: half of the way
+    assert estimate.tilt == 0.0
+    estimate.update(STILL, leaning(0.5), 100)
+    assert tilt_of(estimate) == pytest.approx(math.atan2(0.25 * math.sin(0.5), 0.75 + 0.25 * math.cos(0.5)))
+
+
 @given(st.floats(-0.4, 0.4), st.floats(0.5, 3.0), st.floats(-0.02, 0.02))
 def test_it_follows_a_swinging_body_with_a_biased_gyro(amplitude: float, frequency: float, bias: float) -> None:
     """A known swing, the accelerometer at the axle: within two hundredths and what the bias makes of it."""
@@ -241,6 +249,8 @@ def test_a_watch_makes_up_for_a_gap_in_the_samples() -> None:
         checked.look(view(STILL, leaning(1.0), valid=False))
     checked.look(view((0.0, 1.0, 0.0), (0.0, 0.0, 2.0 * G)))
     assert checked.estimate.tilt == pytest.approx(0.05, abs=1e-3)
+    checked.look(view((0.0, 1.0, 0.0), (0.0, 0.0, 2.0 * G)))
+    assert checked.estimate.tilt == pytest.approx(0.055, abs=1e-3)
 
 
 def sample(gyro: tuple[float, float, float], accelerometer: tuple[float, float, float], periods: int) -> View:
