@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import pytest
+from msgspec.structs import replace
 
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.monitor import SafetyMonitor
@@ -60,6 +61,7 @@ class Rig:
     freeze_imu: bool = False
     slips: str = ""
     asked: tuple[float, float] | None = None
+    balances: bool = False
 
     def __post_init__(self) -> None:
         self.monitor = SafetyMonitor(self.settings, self.signals, self.used, self.period_ns)
@@ -80,7 +82,8 @@ class Rig:
         if self.slips:
             self.values[self.slips] = 2.0 + 1e-6 * (self.cycle % 7)
         values, _, valid = self.snapshot
-        return list(self.monitor.look(values, valid, self.deadline_ns + late_ns, late_ns, self.asked))
+        start_ns = self.deadline_ns + late_ns
+        return list(self.monitor.look(values, valid, start_ns, late_ns, self.asked, balances=self.balances))
 
     def first(self, text: str, at_most: int = 60) -> int:
         """The first cycle from now, counted from 1, in which this is told."""
@@ -467,3 +470,14 @@ def test_signals_that_drives_measure_only_with_the_motors_on_are_neither_stale_n
     assert "unseen" in checks
     assert "wheels_still" not in checks
     assert "too old" in rig.check()["sensors"], "the same is a reason against arming where nothing explains it"
+
+
+@pytest.mark.parametrize("balances", [True, False])
+def test_a_wheel_that_loses_the_floor_while_the_robot_balances_may_be_too_fast_for_a_moment(*, balances: bool) -> None:
+    settings = SafetySettings(gravity=replace(GRAVITY, spin_s=0.1), wheel_velocity_limit=40.0)
+    rig = Rig(settings, balances=balances)
+    assert [fault for _ in range(210) for fault in rig.run()] == []
+    rig.values["left.velocity"] = 50.0
+    faults = [rig.run() for _ in range(21)]
+    assert (faults[:19] == [[]] * 19) is balances
+    assert "left.velocity is 50.00 rad/s, allowed is -40 to 40 rad/s" in faults[20]

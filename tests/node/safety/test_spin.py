@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""Which wheel counts while one spins, and when a robot has lost the floor."""
+
+import math
+
+import pytest
+
+from segway_ecc.node.safety.spin import SpinWatch
+
+PERIOD_S = 0.005
+LONGEST = 20
+"""A tenth of a second, in periods."""
+BEFORE = 200
+"""So long it must have been up: a second."""
+LIFTED = "both wheels have lost the floor: the robot is lifted, or leaps"
+
+
+def watch_of_a_robot_that_is_up(periods: int = BEFORE) -> SpinWatch:
+    watch = SpinWatch(LONGEST * PERIOD_S, 0.4, PERIOD_S)
+    for _ in range(periods):
+        assert look(watch, 0.0, 0.0) == 0.0
+    return watch
+
+
+def look(watch: SpinWatch, left: float, right: float, *, shown: float = 0.0, periods: int = 1) -> float:
+    return watch.look(left, right, shown, periods, balances=True)
+
+
+def spins_for(watch: SpinWatch, left: float, right: float) -> int:
+    """For how many periods it spins that has these speeds from now on."""
+    for period in range(1000):
+        look(watch, left, right)
+        if not watch.is_on:
+            return period
+    raise AssertionError("it spins for ever")
+
+
+def test_while_both_wheels_roll_the_axle_goes_as_fast_as_their_mean() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    speed = 0.0
+    for _ in range(50):
+        speed += 0.22  # 44 m/s2
+        assert look(watch, speed, 0.5 * speed, shown=3.0) == pytest.approx(0.75 * speed)
+        assert not watch.is_on
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_while_one_wheel_spins_the_other_one_counts(side: int, way: float) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    speeds = [0.1, 0.1]
+    speeds[side] = way * 2.0
+    assert look(watch, *speeds) == 0.1
+    assert watch.is_on
+    assert spins_for(watch, *speeds) == LONGEST - 2
+    assert watch.fault is None
+
+
+def test_a_wheel_that_is_back_ends_it() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    look(watch, 2.0, 0.0)
+    assert look(watch, 0.3, 0.1) == pytest.approx(0.2)
+    assert (watch.is_on, watch.fault) == (False, None)
+
+
+def test_where_both_are_off_the_imu_counts() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    assert look(watch, 2.0, -2.0, shown=0.3) == 0.3
+    spins_for(watch, 2.0, -2.0)
+    assert watch.fault is None, "a robot in the air has both spin the same way"
+
+
+@pytest.mark.parametrize(("periods", "fault"), [(3, None), (4, LIFTED)])
+def test_both_off_the_same_way_for_20_ms_are_lifted_which_it_says_once_they_are_back(
+    periods: int, fault: str | None
+) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(periods):
+        look(watch, 2.0, 1.5)
+        assert watch.fault is None, "the wheels are braked meanwhile"
+    look(watch, 0.0, 0.0)
+    assert watch.fault == fault
+    look(watch, 0.0, 0.0)
+    assert watch.fault is None, "it is said once"
+
+
+def test_both_that_stay_off_are_lifted_once_the_time_is_over() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    assert spins_for(watch, 2.0, 2.0) == LONGEST - 1
+    assert watch.fault == LIFTED
+
+
+def test_the_torque_of_a_lifted_robot_ends_as_its_wheels_are_about_to_stop_and_not_only_once_they_do() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    found = []
+    for speed in (-2.6, -2.6, -2.4, -1.9, -1.3):
+        look(watch, speed, speed, shown=0.8)
+        found.append(watch.fault)
+    assert found == [None] * 4 + [LIFTED], "0.6 m/s a period, for three more"
+    assert not watch.is_on
+
+
+def test_an_imu_that_fails_alone_begins_nothing() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    assert look(watch, 0.1, 0.1, shown=50.0) == pytest.approx(0.1)
+    assert not watch.is_on
+
+
+def test_it_begins_only_once_the_robot_has_been_up_for_a_second() -> None:
+    watch = watch_of_a_robot_that_is_up(BEFORE - 2)
+    assert look(watch, 2.0, 0.0) == 1.0
+    assert not watch.is_on
+    watch.look(2.0, 0.0, 0.0, 1, balances=False)
+    for _ in range(BEFORE - 1):
+        look(watch, 0.0, 0.0)
+    assert not watch.is_on
+    look(watch, 2.0, 0.0)
+    assert watch.is_on
+
+
+def test_what_a_wheel_gains_over_several_periods_is_held_against_all_of_them() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    look(watch, 0.6, 0.0, periods=3)
+    assert not watch.is_on
+    look(watch, 1.3, 0.0, periods=3)
+    assert watch.is_on
+
+
+@pytest.mark.parametrize(("apart", "adds_up"), [(100, True), (250, False)])
+def test_spins_that_add_up_to_more_than_half_a_second_are_a_fault(apart: int, *, adds_up: bool) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    faults = []
+    for _ in range(6):
+        look(watch, 2.0, 0.0)
+        spins_for(watch, 2.0, 0.0)
+        faults.append(watch.fault)
+        for _ in range(apart):
+            look(watch, 0.0, 0.0, shown=0.0)
+    assert faults[:5] == [None] * 5
+    assert (faults[5] == "wheels have no floor for more than 0.5 s in a second") is adds_up
+
+
+@pytest.mark.parametrize("speed", [11.0, -11.0, 1.7e308, math.inf, math.nan])
+def test_what_no_wheel_does_counts(speed: float) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    assert look(watch, speed, 0.0) == pytest.approx(0.5 * speed, nan_ok=True)
+    assert not watch.is_on
+
+
+def test_it_forgets_what_was_as_it_begins_anew() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    look(watch, 2.0, 2.0)
+    watch.begin(2.0, 2.0)
+    assert look(watch, 4.0, 4.0) == 4.0
+    assert not watch.is_on
