@@ -96,7 +96,6 @@ class Estimate(Value, frozen=True):
         felt_velocity: The velocity by the accelerometer, drawn to the wheels', m/s.
         left_slip, right_slip: How much faster a wheel turns than the robot moves there, m/s, beyond what is uncertain.
         left_tread, right_tread: Velocity of each wheel's tread against the body, m/s.
-        swing: What the body's turning adds to the momentum, for each kg of the robot, m/s.
         free: How long a wheel has been without the floor, s; zero while both roll.
         pushed: The largest sum of torques that may act still, either way, N m.
     """
@@ -119,7 +118,6 @@ class Estimate(Value, frozen=True):
     right_slip: float = 0.0
     left_tread: float = 0.0
     right_tread: float = 0.0
-    swing: float = 0.0
     free: float = 0.0
     pushed: float = 0.0
 
@@ -178,7 +176,6 @@ class Estimator:
         rolled = self._radius * (0.5 * (left_velocity + right_velocity) + pitch_rate)
         gyro = m.gyro_z * cos_pitch - m.gyro_x * sin_pitch
         left_tread, right_tread = self._radius * left_velocity, self._radius * right_velocity
-        swing = self._swing * pitch_rate * cos_pitch
         felt, free, left_slip, right_slip, pushed = rolled, 0.0, 0.0, 0.0, 0.0
         if may_slip or sent is not None:
             # The left wheel rolls by that much slower than the middle, the right one faster.
@@ -188,7 +185,7 @@ class Estimator:
                 felt = self._felt(e, m, pitch_rate, rolled)
             else:
                 pushed = max(abs(sent), _PUSHED_STILL * e.pushed)
-                kept = e.felt_velocity + e.swing - swing
+                kept = e.felt_velocity - self._swing * cos_pitch * (pitch_rate - e.pitch_rate)
                 free = self._freed(e, (left_tread, right_tread), (left - kept, right - kept), copysign(pushed, sent))
                 if free:
                     felt = kept + within(min(left - kept, right - kept, key=abs), self._drawn_most)
@@ -239,7 +236,6 @@ class Estimator:
             right_slip,
             left_tread,
             right_tread,
-            swing,
             free,
             pushed,
         )

@@ -121,8 +121,8 @@ class PhaseProgress(Value, frozen=True):
 
     @property
     def balances(self) -> bool:
-        """Whether the robot is up."""
-        return self.phase is Phase.BALANCING
+        """Whether the robot is up, and does not lie: what its wheels do as it strikes the floor is no lost floor."""
+        return self.phase is Phase.BALANCING and self.lasting == 0.0
 
 
 class PhaseRules:

@@ -39,10 +39,12 @@ def test_on_a_floor_it_stays_up_or_ends_without_torque(trial: FloorTrial, robot:
     _end_as_listed(trial, robot)
 
 
-@pytest.mark.variants(2)
-@pytest.mark.parametrize("speed", [0.0, 0.5, -0.5], ids="{} m/s".format)
+@pytest.mark.variants(3)
+@pytest.mark.parametrize(("speed", "turning"), [(0.0, 0.0), (0.0, 1.0), (0.5, 0.0), (-0.5, 0.0)])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(robot: str, speed: float) -> None:
+def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(
+    robot: str, speed: float, turning: float
+) -> None:
     balance = Balance(on_floor(load_robot(robot)), pitch=PUBLISHED.stop_angle)
     speeds: dict[float, float] = {}
 
@@ -52,7 +54,7 @@ def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(robot: s
     lift_s = UP_S + 1.0
     lifted = [lift_s + 0.005 * i for i in range(1, 400)]
     script: Mapping[float, Callable[[Balance], None]] = {
-        UP_S: lambda b: b.drive(speed, 0.0),
+        UP_S: lambda b: b.drive(speed, turning),
         lift_s: lambda b: b.plant.write("Lift", 0.3),
         **{at: look(at) for at in lifted},
         6.9: lambda b: b.drive(0.0, 0.0),

@@ -105,6 +105,7 @@ def test_a_model_whose_lean_is_not_known_has_a_momentum_too() -> None:
 @pytest.mark.parametrize("phase", Phase)
 def test_only_one_that_is_up_balances(phase: Phase) -> None:
     assert PhaseProgress(phase).balances == (phase is Phase.BALANCING)
+    assert not PhaseProgress(phase, lasting=PERIOD).balances, "it lies"
 
 
 def test_the_reference_waits_for_a_robot_whose_wheel_has_no_floor_and_a_while_on() -> None:

@@ -63,6 +63,41 @@ def test_a_wheel_that_is_back_ends_it() -> None:
     assert (watch.is_on, watch.fault) == (False, None)
 
 
+def turning(half: float, *, periods: int = 1) -> SpinWatch:
+    """One of a robot that is up and has turned for a second: so fast does each wheel go, m/s, to either side."""
+    watch = SpinWatch(LONGEST * PERIOD_S, 0.4, PERIOD_S)
+    for _ in range(BEFORE // periods):
+        assert look(watch, -half, half, periods=periods) == 0.0
+    return watch
+
+
+def test_while_the_robot_turns_and_a_wheel_spins_the_axle_goes_as_the_other_one_says() -> None:
+    assert look(turning(0.3), -0.3, 2.3) == pytest.approx(0.0, abs=1e-3)
+    assert look(turning(0.3), 2.3, 0.3) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_both_wheels_of_a_robot_that_is_lifted_as_it_turns_are_off() -> None:
+    watch = turning(0.3)
+    for _ in range(4):
+        look(watch, 0.2, 0.8)
+        assert watch.fault is None
+    look(watch, -0.3, 0.3)
+    assert watch.fault == LIFTED
+
+
+@pytest.mark.parametrize("periods", [1, 4])
+def test_a_turn_is_learnt_in_a_tenth_of_a_second(periods: int) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(LONGEST // periods):
+        look(watch, -0.2, 0.2, periods=periods)
+    assert look(watch, -0.2, 2.0) == pytest.approx(-0.2 + 0.2 * {1: 0.6415, 4: 0.6723}[periods], abs=1e-4)
+
+
+@pytest.mark.parametrize(("half", "axle"), [(0.999, 0.0), (1.0, 0.1)])
+def test_wheels_that_differ_by_too_much_are_no_turn(half: float, axle: float) -> None:
+    assert look(turning(half), -half, 3.0, shown=0.1) == pytest.approx(axle, abs=1e-3)
+
+
 def test_where_both_are_off_the_imu_counts() -> None:
     watch = watch_of_a_robot_that_is_up()
     assert look(watch, 2.0, -2.0, shown=0.3) == 0.3
@@ -145,6 +180,8 @@ def test_what_no_wheel_does_counts(speed: float) -> None:
     watch = watch_of_a_robot_that_is_up()
     assert look(watch, speed, 0.0) == pytest.approx(0.5 * speed, nan_ok=True)
     assert not watch.is_on
+    assert look(watch, 0.0, 0.0) == 0.0
+    assert look(watch, 2.0, 0.0) == 0.0, "it was not learnt as a turn"
 
 
 def test_it_forgets_what_was_as_it_begins_anew() -> None:
