@@ -215,6 +215,8 @@ class SegwayController(SectionedModel):
                 return law.balanced(law.rising(motion, e, limit, begins=begins), e, limit)
             case Phase.SITTING_DOWN:
                 return law.braked(law.here(motion, e), self.rules.torque_down(e), limit)
+            case Phase.LIFTED:
+                return law.lifted(law.here(motion, e), e, limit)
             case _:
                 return stopped(law.here(motion, e))
 

@@ -25,6 +25,12 @@ wheel that is nearer to it. With the gain for a steady acceleration, PitchPerAcc
 momentum for each M is
 
     v + k q cos(pitch)        k = m l / M = r / (g PitchPerAcceleration - 1)
+
+Both wheels spin so where the robot slips, leaps or is lifted. What tells them apart is Newton's second law: an
+accelerometer feels all forces on the body but its weight. A body that leaps feels none, one that stands or is held
+feels its weight. Wheels that slip on a floor are held by it, and bounce in turns. So where both have spun alike for
+0.02 s, and the body feels half to twice its weight all the while, something other than its wheels carries it: a hand
+(`lifted`).
 """
 
 from collections.abc import Mapping
@@ -61,6 +67,15 @@ _LONGEST_FREE_S: Final = 0.15
 """How long a wheel may be without the floor, s: a hop of 3 cm takes as long. Then the wheels are believed again."""
 _DRAWN_TO_WHEELS: Final = 6.0
 """How fast the momentum is drawn to the wheels meanwhile, m/s2: what a tyre gives on an ordinary floor."""
+_ALIKE: Final = 0.8
+"""Wheels spin alike that differ by less than this part of the faster one's: at an edge they bounce in turns."""
+_HARDLY: Final = 20.0
+"""Which of two wheels that both gain less, m/s2, does so faster means nothing."""
+_STEADY: Final = 6.0
+"""Wheels that gain less, m/s2, may roll, and what looks like a slip be a velocity that was felt wrongly."""
+_LEAST_HELD: Final = 0.5 * STANDARD_GRAVITY
+_MOST_HELD: Final = 2.0 * STANDARD_GRAVITY
+"""A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
 _LEAST_LEAN: Final = 1.02
 """PitchPerAcceleration times gravity is more than one for any robot; nearer to it the wheels weigh next to nothing."""
 
@@ -97,6 +112,7 @@ class Estimate(Value, frozen=True):
         left_slip, right_slip: How much faster a wheel turns than the robot moves there, m/s, beyond what is uncertain.
         left_tread, right_tread: Velocity of each wheel's tread against the body, m/s.
         free: How long a wheel has been without the floor, s; zero while both roll.
+        lifted: How long both have been, alike, while something else carries the body, s.
         pushed: The largest sum of torques that may act still, either way, N m.
     """
 
@@ -119,6 +135,7 @@ class Estimate(Value, frozen=True):
     left_tread: float = 0.0
     right_tread: float = 0.0
     free: float = 0.0
+    lifted: float = 0.0
     pushed: float = 0.0
 
     @property
@@ -142,6 +159,7 @@ class Estimator:
         self._felt_part = period / _FELT_TIME_S
         lean = max(p["PitchPerAcceleration"] * STANDARD_GRAVITY, _LEAST_LEAN)
         self._swing = p["WheelRadius"] / (lean - 1.0)
+        self._hardly, self._steady = _HARDLY * period, _STEADY * period
         self._jump, self._drawn_most = _JUMP * period, _DRAWN_TO_WHEELS * period
         self._yaw_rate_per_speed = p["WheelRadius"] / p["Track"]
         self._drawn = period / bias_time
@@ -192,6 +210,7 @@ class Estimator:
             if may_slip or free:
                 left_slip, right_slip = _beyond(left - felt, _UNCERTAIN_SPEED), _beyond(right - felt, _UNCERTAIN_SPEED)
         slips = left_slip != 0.0 or right_slip != 0.0
+        lifted = self._lifted(e, m, (left_tread, right_tread), (left_slip, right_slip)) if free else 0.0
         velocity = rolled - 0.5 * (left_slip + right_slip)
         still = abs(pitch_rate) < _STILL_RATE and abs(velocity) < _STILL_SPEED
 
@@ -237,6 +256,7 @@ class Estimator:
             left_tread,
             right_tread,
             free,
+            lifted,
             pushed,
         )
 
@@ -263,6 +283,17 @@ class Estimator:
         right_spins = right > most and way * right_off > _OFF_SHARE * right
         return self._period if left_spins or right_spins else 0.0
 
+    def _lifted(
+        self, e: Estimate, m: SegwayMeasurement, treads: tuple[float, float], slips: tuple[float, float]
+    ) -> float:
+        """How long both wheels have spun alike while something carries the body, s; treads and slips in m/s."""
+        gains = treads[0] - e.left_tread, treads[1] - e.right_tread
+        gain = max(abs(gains[0]), abs(gains[1]))
+        spin = slips[0] * treads[0] > 0.0 and slips[1] * treads[1] > 0.0 and _are_alike(slips)
+        if not (spin and _is_held(m) and (gain < self._hardly or _are_alike(gains))):
+            return 0.0
+        return e.lifted + self._period if gain > self._steady else e.lifted
+
     def _felt(self, e: Estimate, m: SegwayMeasurement, pitch_rate: float, rolled: float) -> float:
         """The felt velocity one period later, where the wheels roll at `rolled`, m/s."""
         turning = (pitch_rate - e.pitch_rate) / self._period
@@ -282,6 +313,17 @@ class Estimator:
 
 def _rotation(m: SegwayMeasurement, pitch: float) -> float:
     return 0.5 * (m.left_angle + m.right_angle) + pitch
+
+
+def _is_held(m: SegwayMeasurement) -> bool:
+    """Whether something carries the body, by what it feels."""
+    return _LEAST_HELD < hypot(m.acceleration_x, m.acceleration_z) < _MOST_HELD
+
+
+def _are_alike(speeds: tuple[float, float]) -> bool:
+    """Whether these are of two wheels that are given alike and that nothing holds, m/s."""
+    left, right = speeds
+    return abs(left - right) < _ALIKE * max(abs(left), abs(right))
 
 
 def _beyond(value: float, limit: float) -> float:

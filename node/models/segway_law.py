@@ -18,7 +18,14 @@ tyre carries, and loses grip by it: it is given less, the longer and the faster 
 A robot that drives against an edge stops, and its body falls on over it. To be caught it must climb at once. The law
 above would do the opposite: it lets the body fall, to catch up with the reference on wheels that roll. So from where a
 wheel loses the floor, the reference waits for the robot, at nearly its speed. That wheel is sent less the faster it
-spins, and is braked before it lands. Where both spin the same way the robot is lifted, and both are braked.
+spins, and is braked before it lands. Where both spin the same way, both are braked.
+
+A robot that is lifted has nothing to balance on. Its wheels are braked until they rest against the body, and then the
+motors give nothing. A wheel with the inertia J that is sent u = -k v for the speed v = r w of its tread stops by
+
+    J dw/dt = u        dv/dt = -(r k / J) v        J / (r k) = 29 ms for k = 0.12 N s and the published wheel
+
+which is twice what it takes a torque to act, so that it does not swing.
 """
 
 import enum
@@ -75,6 +82,17 @@ _BRAKE_PER_SLIP: Final = 0.25
 """Torque that brakes it, N s: with two periods of delay, a wheel of 1.7e-4 kg m2 stops without swinging."""
 _LARGEST_BRAKE: Final = 0.45
 """The most of it, N m: less than safety counts as oscillation."""
+_LIFTED_S: Final = 0.02
+"""So long both wheels must have been without the floor, while something carries the body, until it counts as lifted."""
+_LIFTED_BRAKE: Final = 0.12
+"""Torque that brakes a wheel of a lifted robot for its speed, N s."""
+_BRAKE_LEAD: Final = 1.0
+"""Periods by which that speed is foreseen."""
+_RESTS_SPEED: Final = 0.05
+_RESTS_S: Final = 0.03
+"""Wheels that are slower, m/s, for so long are at rest."""
+_LONGEST_BRAKE_S: Final = 0.3
+"""Wheels that do not rest by then are not braked any more: they stop by their friction."""
 _RAMP_RATE: Final = 2.0
 _RAMP_LAG_S: Final = 0.2
 """The ramp of a set-point is (1 + lag s) s + rate: well damped, and without a step in acceleration."""
@@ -92,7 +110,9 @@ class Phase(enum.IntEnum):
     SITTING_DOWN = 3
     """Leaning down onto the stop ahead, then braking."""
     GIVEN_UP = 4
-    """Down, the motors give nothing; it fell or did not get up; tries again after a request to sit."""
+    """The motors give nothing; it fell, did not get up or was lifted; tries again after a request to sit."""
+    LIFTED = 5
+    """Its wheels have no floor, since something else carries it: they are braked until they rest."""
 
 
 class PhaseProgress(Value, frozen=True):
@@ -164,9 +184,7 @@ class PhaseRules:
     def _next(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> Phase:
         match progress.phase:
             case Phase.BALANCING:  # for nearly all of its time, and so asked for first
-                if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
-                    return Phase.GIVEN_UP
-                return Phase.BALANCING if stand else Phase.SITTING_DOWN
+                return self._from_balancing(progress, e, stand=stand)
             case Phase.RESTING:
                 is_settled = min(e.since, progress.elapsed) > self._settling_time and abs(e.off) < _SETTLED_WITHIN
                 return Phase.STANDING_UP if stand and is_settled else Phase.RESTING
@@ -177,6 +195,16 @@ class PhaseRules:
                 return Phase.RESTING if is_over else Phase.SITTING_DOWN
             case Phase.GIVEN_UP:
                 return Phase.GIVEN_UP if stand else Phase.RESTING
+            case Phase.LIFTED:
+                is_over = progress.lasting > _RESTS_S or progress.elapsed > _LONGEST_BRAKE_S
+                return Phase.GIVEN_UP if is_over else Phase.LIFTED
+
+    def _from_balancing(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> Phase:
+        if e.lifted >= _LIFTED_S:
+            return Phase.LIFTED
+        if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
+            return Phase.GIVEN_UP
+        return Phase.BALANCING if stand else Phase.SITTING_DOWN
 
     def _from_standing_up(self, progress: PhaseProgress, *, stand: bool) -> Phase:
         if progress.elapsed > self._stand_up_time or progress.wrong > _RUNAWAY_TIME_S:
@@ -189,6 +217,8 @@ class PhaseRules:
         """Whether the robot is where its phase leads to, or has fallen while it balanced."""
         if phase is Phase.STANDING_UP:
             return abs(e.pitch) < _UP_PITCH and abs(e.pitch_rate) < _UP_RATE
+        if phase is Phase.LIFTED:
+            return abs(e.left_tread) < _RESTS_SPEED and abs(e.right_tread) < _RESTS_SPEED
         is_down = abs(e.pitch) > self._down_pitch
         if phase is Phase.BALANCING:
             return is_down
@@ -375,6 +405,19 @@ class Law:
         sent = self._reachable(torque, motion.sent, 2.0 * limit)
         return replace(motion, sent=sent, sent_before=motion.sent, turning=0.0)
 
+    def lifted(self, motion: Motion, e: Estimate, limit: float) -> Motion:
+        """Brake each wheel until it rests against the body, with no more than `limit`, N m."""
+        left = _stilled(e.left_tread, motion.left_slip, limit)
+        right = _stilled(e.right_tread, motion.right_slip, limit)
+        return replace(
+            motion,
+            sent=left + right,
+            sent_before=motion.sent,
+            turning=right - left,
+            left_slip=e.left_tread,
+            right_slip=e.right_tread,
+        )
+
     def _reachable(self, torque: float, sent: float, limit: float) -> float:
         """The nearest torque that the motors can give, and that is not too far from the one before."""
         return within(_near(torque, sent, self._torque_step), limit)
@@ -421,6 +464,12 @@ def _held_back(torque: float, limit: float, slip: float, before: float) -> float
 def _braking(slip: float, limit: float) -> float:
     """What brakes a wheel that slips, m/s, of no more than `limit`, N m."""
     return -within(_BRAKE_PER_SLIP * slip, min(_LARGEST_BRAKE, limit))
+
+
+def _stilled(speed: float, before: float, limit: float) -> float:
+    """What stops a wheel that turns at a speed, m/s, and turned so fast a period before."""
+    foreseen = speed + _BRAKE_LEAD * (speed - before)
+    return -within(_LIFTED_BRAKE * foreseen, min(_LARGEST_BRAKE, limit))
 
 
 def stopped(motion: Motion) -> Motion:

@@ -15,6 +15,7 @@ class View:
         setpoint: The set-point in force, m/s and rad/s; None where the robot follows none.
         elapsed_s: The same to the nanosecond, s; None where it is not known.
         balances: Whether the robot does, and neither stands up nor lies.
+        is_idle: Whether no motor is sent anything.
         spins: Whether a wheel has lost the floor; the check that sees it says so to those after it.
     """
 
@@ -27,6 +28,7 @@ class View:
         elapsed_s: float | None = None,
         *,
         balances: bool = False,
+        is_idle: bool = False,
     ) -> None:
         """Show one cycle to every check."""
         self.values = values
@@ -35,6 +37,7 @@ class View:
         self.setpoint = setpoint
         self.elapsed_s = elapsed_s
         self.balances = balances
+        self.is_idle = is_idle
         self.spins = False
         self._is_complete = False not in valid
 

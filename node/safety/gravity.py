@@ -23,6 +23,9 @@ _SHOCKS_APART_S: Final = 0.5
 """A body strikes the floor once in this time, s; noise does not wait."""
 _UPRIGHT: Final = 0.4
 """A body that leans further, rad, falls: what its wheels do as it strikes the floor is no lost floor."""
+_LEAST_HELD: Final = 0.5 * GRAVITY
+_MOST_HELD: Final = 2.0 * GRAVITY
+"""A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
 _RESTS_S: Final = 1.0
 """A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow."""
 
@@ -136,7 +139,9 @@ class GravityCheck(Check):
         """How fast the wheels carry the axle ahead, m/s, by their treads; see `SpinWatch.look`."""
         if self._spin is None:
             return 0.5 * (left + right)
-        axle = self._spin.look(left, right, shown, periods, balances=view.balances and is_upright)
+        is_held = _LEAST_HELD < hypot(view.values[self._x], view.values[self._z]) < _MOST_HELD
+        balances, is_idle = view.balances and is_upright, view.is_idle
+        axle = self._spin.look(left, right, shown, periods, balances=balances, is_held=is_held, is_idle=is_idle)
         view.spins = self._spin.is_on
         return axle
 

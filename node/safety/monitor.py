@@ -105,7 +105,7 @@ class SafetyMonitor:
             start_ns: When the cycle started, ns, monotonic.
             lateness_ns: How long after its deadline that was, ns.
             setpoint: What the robot followed in the cycle before, m/s and rad/s; None where it had to follow nothing.
-            sent: The commands that left in this cycle, which `residual` needs.
+            sent: The commands that left in this cycle, which `residual` needs, and `gravity` too.
             balances: Whether the robot does, and neither stands up nor lies.
 
         Returns:
@@ -115,7 +115,8 @@ class SafetyMonitor:
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
         self.elapsed_s = elapsed_s
         self._start_ns = start_ns
-        view = View(values, valid, max(round(elapsed_s / self._period_s), 1), setpoint, elapsed_s, balances=balances)
+        periods, is_idle = max(round(elapsed_s / self._period_s), 1), not any(sent)
+        view = View(values, valid, periods, setpoint, elapsed_s, balances=balances, is_idle=is_idle)
         faults: list[str] = []
         for check in self._checks:
             fault = check.look(view)

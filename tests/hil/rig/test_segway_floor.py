@@ -12,8 +12,9 @@ import pytest
 from segway_ecc.hil.design.balance import Balance
 from segway_ecc.hil.floor.contact import on_floor
 from segway_ecc.hil.floor.run import Ending, FloorRun, run_floor_trial
-from segway_ecc.hil.floor.trials import FALLS, UP_S, FloorTrial, listed_trials
+from segway_ecc.hil.floor.trials import FALLS, UP_S, FloorTrial, all_trials, listed_trials
 from segway_ecc.node.config import load_robot
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.safety.posture import Posture
@@ -22,7 +23,14 @@ pytestmark = pytest.mark.mujoco
 
 ROBOTS: Final = ("segway", "segway-odrive")
 TRIALS: Final = listed_trials(PUBLISHED)
+BUMPS: Final = (
+    "board of 3 mm, both wheels, 0.4 m/s",
+    "board of 1 cm, left wheel, 0.4 m/s",
+    "board of 2 cm, both wheels, 0.6 m/s",
+    "drop of 2 cm, 0.2 m/s",
+)
 QUICK: Final = ("friction 0.6, front bumper", "friction 0.5, rear bumper", "50 N ahead for 0.1 s, friction 0.6")
+LIFTED: Final = "both wheels have lost the floor: the robot is lifted"
 
 
 def _end_as_listed(trial: FloorTrial, robot: str) -> None:
@@ -40,12 +48,15 @@ def test_on_a_floor_it_stays_up_or_ends_without_torque(trial: FloorTrial, robot:
 
 
 @pytest.mark.variants(3)
-@pytest.mark.parametrize(("speed", "turning"), [(0.0, 0.0), (0.0, 1.0), (0.5, 0.0), (-0.5, 0.0)])
+@pytest.mark.parametrize(
+    ("speed", "turning", "seed"),
+    [(0.0, 0.0, 3), (0.0, 0.0, 4), (0.0, 1.0, 5), (0.0, 0.0, 1), (0.0, 1.0, 1), (0.5, 0.0, 1), (-0.5, 0.0, 1)],
+)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(
-    robot: str, speed: float, turning: float
+def test_lifted_by_hand_its_wheels_stop_within_300_ms_and_set_down_it_stands_up_again(
+    robot: str, speed: float, turning: float, seed: int
 ) -> None:
-    balance = Balance(on_floor(load_robot(robot)), pitch=PUBLISHED.stop_angle)
+    balance = Balance(on_floor(load_robot(robot)), pitch=PUBLISHED.stop_angle, seed=seed)
     speeds: dict[float, float] = {}
 
     def look(at: float) -> Callable[[Balance], None]:
@@ -59,17 +70,27 @@ def test_lifted_by_hand_its_wheels_stop_and_set_down_it_stands_up_again(
         **{at: look(at) for at in lifted},
         6.9: lambda b: b.drive(0.0, 0.0),
         7.0: lambda b: b.plant.write("Lift", 0.0),
-        9.0: lambda b: b.ask(Action.STAND_UP),
+        10.0: lambda b: b.ask(Action.STAND_UP),
     }
-    balance.run(12.0, script)
-    first, last = (round(at / balance.robot.period_ns * 1e9) for at in (lift_s + 0.3, 9.0))
+    balance.run(13.0, script)
+    first, last = (round(at / balance.robot.period_ns * 1e9) for at in (lift_s + 0.3, 10.0))
     assert all(mode is Mode.FAULT for mode in balance.modes[first:last])
     assert not any(any(command) for command in balance.commands[first:last])
     assert max(turns for at, turns in speeds.items() if at > lift_s + 0.3) < 1.0, "rad/s: both have stopped"
     fault = next(entered for entered in balance.loop.modes.history if entered.mode is Mode.FAULT)
-    assert fault.reason == "both wheels have lost the floor: the robot is lifted, or leaps"
+    assert fault.reason == LIFTED
     assert [answer.accepted for answer in balance.answers] == [True]
     assert (balance.modes[-1], balance.postures[-1]) == (Mode.ARMED, Posture.BALANCING)
+
+
+@pytest.mark.variants(3)
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("trial", [t for t in all_trials(PUBLISHED) if t.name in BUMPS], ids=lambda t: t.name)
+def test_what_no_hand_lifted_is_not_told_to_be_lifted(trial: FloorTrial, robot: str) -> None:
+    balance = Balance(on_floor(load_robot(robot)), pitch=trial.pitch, plant=trial.plant)
+    balance.run(trial.duration_s, {UP_S: lambda b: b.drive(trial.speed, 0.0)})
+    assert Phase.LIFTED not in balance.phases
+    assert LIFTED not in [entered.reason for entered in balance.loop.modes.history]
 
 
 @pytest.mark.proof

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Wheels that lose the floor while the robot balances: how that is noticed, and what they are sent, by hand."""
 
+from math import copysign
+
 import pytest
 from msgspec.structs import replace
 
 from segway_ecc.node.models.segway import SegwayController
 from segway_ecc.node.models.segway_estimate import STANDARD_GRAVITY, Estimate, Estimator, SegwayMeasurement
-from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, torques
+from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, PhaseRules, torques
 
 PERIOD = 0.005
 DEFAULTS = {variable.name: variable.value for variable in SegwayController.parameters}
@@ -14,6 +16,7 @@ RADIUS, LEAN = DEFAULTS["WheelRadius"], 0.122
 SWING = RADIUS / (LEAN * STANDARD_GRAVITY - 1.0)
 """What a body adds to the momentum for each rad/s, m: its mass times its centre's height, as a share of the robot's."""
 ESTIMATOR = Estimator(PERIOD, {**DEFAULTS, "PitchPerAcceleration": LEAN})
+RULES = PhaseRules(PERIOD, DEFAULTS | {"PitchPerAcceleration": LEAN})
 LAW = Law(PERIOD, {**DEFAULTS, "PitchGain": -10.0, "VelocityGain": -2.0, "IntegralGain": -1.0})
 LIMIT = 1.3
 UP = Estimate(since=1.0)
@@ -100,6 +103,107 @@ def test_it_is_over_after_150_ms_and_the_wheels_are_believed() -> None:
 def test_a_model_whose_lean_is_not_known_has_a_momentum_too() -> None:
     estimator = Estimator(PERIOD, {**DEFAULTS, "PitchPerAcceleration": 0.0})
     assert estimator.advance(UP, measured(0.5, 0.5), resting=False, sent=0.2).free == PERIOD
+
+
+def spun(e: Estimate, left: float, right: float, force: float = STANDARD_GRAVITY) -> Estimate:
+    return estimated(e, replace(measured(left, right), acceleration_z=force), copysign(0.2, left))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_one_whose_wheels_both_spin_alike_while_its_body_is_carried_is_lifted(way: float) -> None:
+    e = UP
+    for period in range(1, 5):
+        e = spun(e, way * (0.5 + 0.2 * period), way * (0.4 + 0.2 * period))
+        assert e.lifted == pytest.approx(period * PERIOD)
+    assert spun(e, way * 1.2, 0.0).lifted == 0.0, "that one rolls"
+
+
+@pytest.mark.parametrize("force", [0.49 * STANDARD_GRAVITY, 2.01 * STANDARD_GRAVITY])
+def test_one_that_leaps_or_was_struck_is_not_lifted(force: float) -> None:
+    e = spun(UP, 0.7, 0.7, force)
+    assert (e.free, e.lifted) == (PERIOD, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        (1.5, 0.45),  # of which one slips five times as fast
+        (0.7, 0.45),  # of which one is braked by the floor
+        (0.7, -0.7),
+        (0.0, 0.7),
+    ],
+)
+def test_one_whose_wheels_spin_otherwise_is_not_lifted(left: float, right: float) -> None:
+    e = spun(replace(UP, left_tread=0.55, right_tread=0.55), 0.75, 0.75)
+    assert e.lifted == PERIOD
+    e = spun(e, left, right)
+    assert e.free > 0.0
+    assert e.lifted == 0.0
+
+
+@pytest.mark.parametrize(("lifted", "phase"), [(0.015, Phase.BALANCING), (0.02, Phase.LIFTED)])
+def test_it_counts_as_lifted_after_20_ms(lifted: float, phase: Phase) -> None:
+    e = replace(UP, lifted=lifted)
+    assert RULES.advance(PhaseProgress(Phase.BALANCING), e, stand=True).phase is phase
+    assert RULES.advance(PhaseProgress(Phase.STANDING_UP), e, stand=True).phase is Phase.STANDING_UP
+
+
+@pytest.mark.parametrize("stand", [True, False])
+def test_a_lifted_robot_gives_up_once_its_wheels_rest_and_begins_anew_when_asked(*, stand: bool) -> None:
+    progress = PhaseProgress(Phase.LIFTED)
+    for speed in (0.5, 0.06, 0.04, -0.06) + (0.04,) * 6:
+        progress = RULES.advance(progress, replace(UP, left_tread=speed, right_tread=0.0), stand=stand)
+        assert progress.phase is Phase.LIFTED
+    progress = RULES.advance(progress, UP, stand=stand)
+    assert progress.phase is Phase.GIVEN_UP
+    assert progress.is_resting
+    assert RULES.advance(progress, UP, stand=stand).phase is (Phase.GIVEN_UP if stand else Phase.RESTING)
+
+
+def test_wheels_that_do_not_stop_are_not_braked_for_ever() -> None:
+    progress = PhaseProgress(Phase.LIFTED)
+    turns = replace(UP, left_tread=1.0, right_tread=1.0)
+    phases = []
+    for _ in range(62):
+        progress = RULES.advance(progress, turns, stand=True)
+        phases.append(progress.phase)
+    assert set(phases[:60]) == {Phase.LIFTED}
+    assert phases[-1] is Phase.GIVEN_UP, "after 0.3 s"
+
+
+@pytest.mark.parametrize(
+    ("speed", "before", "brake"),
+    [
+        (1.0, 1.0, -0.12),
+        (-1.0, -1.0, 0.12),
+        (1.0, 1.5, -0.06),  # it stops already
+        (0.5, 0.6, -0.048),
+        (5.0, 5.0, -0.45),
+    ],
+)
+def test_each_wheel_of_a_lifted_robot_is_braked_by_its_own_speed(speed: float, before: float, brake: float) -> None:
+    motion = Motion(sent=0.3, left_slip=before)
+    motion = LAW.lifted(motion, replace(UP, pitch=0.2, left_tread=speed), LIMIT)
+    assert torques(motion) == pytest.approx((brake, 0.0))
+    assert (motion.sent_before, motion.left_slip, motion.right_slip) == (0.3, speed, 0.0)
+    motion = LAW.lifted(Motion(), replace(UP, right_tread=-5.0), 0.2)
+    assert torques(motion) == pytest.approx((0.0, 0.2)), "no more than it may have"
+
+
+@pytest.mark.parametrize(("inertia", "periods"), [(0.7, 2), (1.0, 2), (1.3, 2), (0.7, 3), (1.0, 3), (1.3, 3)])
+def test_its_wheels_stop_within_90_ms_whatever_they_weigh_and_however_late_a_torque_acts(
+    inertia: float, periods: int
+) -> None:
+    """The wheel by itself: J dw/dt = u, with the Coulomb friction of the published robot left out."""
+    speed, per_torque = 1.0, RADIUS * PERIOD / (inertia * 1.723e-4)
+    motion, under_way = Motion(left_slip=speed), [0.0] * periods
+    speeds = []
+    for _ in range(40):
+        motion = LAW.lifted(motion, replace(UP, left_tread=speed), LIMIT)
+        under_way.append(torques(motion)[0])
+        speed += per_torque * under_way.pop(0)
+        speeds.append(speed)
+    assert max(map(abs, speeds[18:])) < 0.1
 
 
 @pytest.mark.parametrize("phase", Phase)

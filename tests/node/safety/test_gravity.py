@@ -483,11 +483,16 @@ def test_nothing_is_learnt_while_a_wheel_spins() -> None:
     assert check._offset == 0.0
 
 
-def test_a_robot_that_was_lifted_is_told_once_and_taken_as_it_is_then() -> None:
+@pytest.mark.parametrize(
+    ("share", "lifted"),
+    [(0.49, False), (0.51, True), (1.0, True), (1.99, True), (2.01, False)],  # it falls freely, or was struck
+)
+def test_a_robot_that_was_lifted_is_told_once_and_taken_as_it_is_then(share: float, *, lifted: bool) -> None:
     check = of_a_robot_that_is_up(SPINNING)
-    assert set(looks_up(check, [(24.0, 24.0, 0.0, 0.0, G)] * 25)) == {None}
+    spins = (24.0, 24.0, 0.0, 0.0, share * G)
+    assert set(looks_up(check, [spins] * 31)) == {None}
     found = list(looks_up(check, [REST] * 100))
-    assert found[0] == "both wheels have lost the floor: the robot is lifted, or leaps"
+    assert (found[0] == "both wheels have lost the floor: the robot is lifted") is lifted
     assert set(found[1:]) == {None}
     assert check.is_credible
 
