@@ -115,7 +115,7 @@ class SafetyMonitor:
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
         self.elapsed_s = elapsed_s
         self._start_ns = start_ns
-        periods, is_idle = max(round(elapsed_s / self._period_s), 1), not any(sent)
+        periods, is_idle = max(round(elapsed_s / self._period_s), 1), bool(sent) and not any(sent)
         view = View(values, valid, periods, setpoint, elapsed_s, balances=balances, is_idle=is_idle)
         faults: list[str] = []
         for check in self._checks:

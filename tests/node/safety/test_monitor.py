@@ -62,6 +62,7 @@ class Rig:
     slips: str = ""
     asked: tuple[float, float] | None = None
     balances: bool = False
+    sent: Sequence[float] = ()
 
     def __post_init__(self) -> None:
         self.monitor = SafetyMonitor(self.settings, self.signals, self.used, self.period_ns)
@@ -83,7 +84,8 @@ class Rig:
             self.values[self.slips] = 2.0 + 1e-6 * (self.cycle % 7)
         values, _, valid = self.snapshot
         start_ns = self.deadline_ns + late_ns
-        return list(self.monitor.look(values, valid, start_ns, late_ns, self.asked, balances=self.balances))
+        balances = self.balances
+        return list(self.monitor.look(values, valid, start_ns, late_ns, self.asked, self.sent, balances=balances))
 
     def first(self, text: str, at_most: int = 60) -> int:
         """The first cycle from now, counted from 1, in which this is told."""
@@ -481,3 +483,17 @@ def test_a_wheel_that_loses_the_floor_while_the_robot_balances_may_be_too_fast_f
     faults = [rig.run() for _ in range(21)]
     assert (faults[:19] == [[]] * 19) is balances
     assert "left.velocity is 50.00 rad/s, allowed is -40 to 40 rad/s" in faults[20]
+
+
+@pytest.mark.parametrize(("sent", "lifted"), [((0.0, 0.0), True), ((0.0, 0.1), False), ((), False)])
+def test_a_controller_that_gives_up_as_wheels_gain_what_the_imu_does_not_feel_took_the_robot_for_lifted(
+    sent: Sequence[float], *, lifted: bool
+) -> None:
+    rig = Rig(SafetySettings(gravity=replace(GRAVITY, spin_s=0.1)), balances=True, sent=(0.1, 0.1))
+    assert [fault for _ in range(210) for fault in rig.run()] == []
+    for gained in (0.7, 1.4, 2.1, 0.0):  # rad/s: 14 m/s2
+        rig.values["left.velocity"] = rig.values["right.velocity"] = gained
+        assert rig.run() == []
+    rig.sent = sent
+    faults = [fault for _ in range(20) for fault in rig.run()]
+    assert faults == ["both wheels have lost the floor: the robot is lifted"] * lifted
