@@ -29,8 +29,8 @@ momentum for each M is
 Both wheels spin so where the robot slips, leaps or is lifted. What tells them apart is Newton's second law: an
 accelerometer feels all forces on the body but its weight. A body that leaps feels none, one that stands or is held
 feels its weight. Wheels that slip on a floor are held by it, and bounce in turns. So where both have spun alike for
-0.02 s, and the body feels half to twice its weight all the while, something other than its wheels carries it: a hand
-(`lifted`).
+0.02 s, or for half of it with less torque than makes them slip, and the body feels half to twice its weight all the
+while, something other than its wheels carries it: a hand (`lifted`).
 """
 
 from collections.abc import Mapping
@@ -76,6 +76,10 @@ _STEADY: Final = 6.0
 _LEAST_HELD: Final = 0.5 * STANDARD_GRAVITY
 _MOST_HELD: Final = 2.0 * STANDARD_GRAVITY
 """A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
+_LEAST_SLIP_TORQUE: Final = 0.6
+"""Sum of torques, N m, with which the published robot slips on a friction of 0.23, by M g r: a floor carries it."""
+_SURE: Final = 2.0
+"""So many times a moment counts in which wheels spin with less than that."""
 _LEAST_LEAN: Final = 1.02
 """PitchPerAcceleration times gravity is more than one for any robot; nearer to it the wheels weigh next to nothing."""
 
@@ -112,7 +116,7 @@ class Estimate(Value, frozen=True):
         left_slip, right_slip: How much faster a wheel turns than the robot moves there, m/s, beyond what is uncertain.
         left_tread, right_tread: Velocity of each wheel's tread against the body, m/s.
         free: How long a wheel has been without the floor, s; zero while both roll.
-        lifted: How long both have been, alike, while something else carries the body, s.
+        lifted: How long both have been, alike, while something else carries the body, s; sure moments count twice.
         pushed: The largest sum of torques that may act still, either way, N m.
     """
 
@@ -210,7 +214,7 @@ class Estimator:
             if may_slip or free:
                 left_slip, right_slip = _beyond(left - felt, _UNCERTAIN_SPEED), _beyond(right - felt, _UNCERTAIN_SPEED)
         slips = left_slip != 0.0 or right_slip != 0.0
-        lifted = self._lifted(e, m, (left_tread, right_tread), (left_slip, right_slip)) if free else 0.0
+        lifted = self._lifted(e, m, (left_tread, right_tread), (left_slip, right_slip), pushed) if free else 0.0
         velocity = rolled - 0.5 * (left_slip + right_slip)
         still = abs(pitch_rate) < _STILL_RATE and abs(velocity) < _STILL_SPEED
 
@@ -284,15 +288,25 @@ class Estimator:
         return self._period if left_spins or right_spins else 0.0
 
     def _lifted(
-        self, e: Estimate, m: SegwayMeasurement, treads: tuple[float, float], slips: tuple[float, float]
+        self,
+        e: Estimate,
+        m: SegwayMeasurement,
+        treads: tuple[float, float],
+        slips: tuple[float, float],
+        pushed: float,
     ) -> float:
-        """How long both wheels have spun alike while something carries the body, s; treads and slips in m/s."""
+        """How long both wheels have spun alike while something carries the body, s.
+
+        Treads and slips are in m/s, the torque by which they are `pushed` in N m.
+        """
         gains = treads[0] - e.left_tread, treads[1] - e.right_tread
         gain = max(abs(gains[0]), abs(gains[1]))
         spin = slips[0] * treads[0] > 0.0 and slips[1] * treads[1] > 0.0 and _are_alike(slips)
         if not (spin and _is_held(m) and (gain < self._hardly or _are_alike(gains))):
             return 0.0
-        return e.lifted + self._period if gain > self._steady else e.lifted
+        if gain <= self._steady:
+            return e.lifted
+        return e.lifted + self._period * (1.0 if pushed > _LEAST_SLIP_TORQUE else _SURE)
 
     def _felt(self, e: Estimate, m: SegwayMeasurement, pitch_rate: float, rolled: float) -> float:
         """The felt velocity one period later, where the wheels roll at `rolled`, m/s."""

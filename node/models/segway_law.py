@@ -89,7 +89,7 @@ _LIFTED_BRAKE: Final = 0.12
 _BRAKE_LEAD: Final = 1.0
 """Periods by which that speed is foreseen."""
 _RESTS_SPEED: Final = 0.05
-_RESTS_S: Final = 0.03
+_RESTS_S: Final = 0.02
 """Wheels that are slower, m/s, for so long are at rest."""
 _LONGEST_BRAKE_S: Final = 0.3
 """Wheels that do not rest by then are not braked any more: they stop by their friction."""

@@ -14,7 +14,7 @@ _UNFELT_S: Final = 0.015
 _FELT_SHARE: Final = 0.5
 """It feels less than this part of what the wheels gain."""
 _LIKELY_S: Final = 0.5
-_IDLE_S: Final = 0.03
+_IDLE_S: Final = 0.02
 """A controller that sends nothing for so long, s, not later than that afterwards, took the robot for lifted too."""
 _WITHIN_S: Final = 1.0
 """Spins that are further apart do not add up, s; and for so long the robot must have been up, since before it slips."""

@@ -10,7 +10,7 @@ from typing import Final
 import pytest
 
 from segway_ecc.hil.design.balance import Balance
-from segway_ecc.hil.floor.contact import on_floor
+from segway_ecc.hil.floor.contact import on_floor, tyres
 from segway_ecc.hil.floor.run import Ending, FloorRun, run_floor_trial
 from segway_ecc.hil.floor.trials import FALLS, UP_S, FloorTrial, all_trials, listed_trials
 from segway_ecc.node.config import load_robot
@@ -49,14 +49,23 @@ def test_on_a_floor_it_stays_up_or_ends_without_torque(trial: FloorTrial, robot:
 
 @pytest.mark.variants(3)
 @pytest.mark.parametrize(
-    ("speed", "turning", "seed"),
-    [(0.0, 0.0, 3), (0.0, 0.0, 4), (0.0, 1.0, 5), (0.0, 0.0, 1), (0.0, 1.0, 1), (0.5, 0.0, 1), (-0.5, 0.0, 1)],
+    ("speed", "turning", "seed", "friction"),
+    [
+        (0.0, 0.0, 3, 0.8),
+        (0.0, 0.0, 4, 1.2),
+        (0.0, 1.0, 5, 0.8),
+        (0.0, 0.0, 4, 0.8),
+        (0.0, 0.0, 1, 0.8),
+        (0.0, 1.0, 1, 0.8),
+        (0.5, 0.0, 1, 0.8),
+        (-0.5, 0.0, 1, 0.8),
+    ],
 )
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_lifted_by_hand_its_wheels_stop_within_300_ms_and_set_down_it_stands_up_again(
-    robot: str, speed: float, turning: float, seed: int
+    robot: str, speed: float, turning: float, seed: int, friction: float
 ) -> None:
-    balance = Balance(on_floor(load_robot(robot)), pitch=PUBLISHED.stop_angle, seed=seed)
+    balance = Balance(on_floor(load_robot(robot)), pitch=PUBLISHED.stop_angle, seed=seed, plant=tyres(friction))
     speeds: dict[float, float] = {}
 
     def look(at: float) -> Callable[[Balance], None]:
