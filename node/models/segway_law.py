@@ -288,14 +288,14 @@ class Law:
     def ramped(self, motion: Motion, e: Estimate, linear: float, angular: float) -> Motion:
         """Move the reference for one period towards the set-points, m/s and rad/s, not further ahead than allowed.
 
-        It waits for a robot that has a wheel without the floor, and for a while afterwards.
+        It waits for a robot whose wheel slips, as one without the floor does, and for a while afterwards.
         """
         linear, angular = within(linear, self._max_speed), within(angular, self._max_yaw_rate)
         velocity, acceleration = self._ramp(motion.velocity, motion.acceleration, linear, self._max_acceleration)
         yaw_rate, yaw_acceleration = self._ramp(
             motion.yaw_rate, motion.yaw_acceleration, angular, self._max_yaw_acceleration
         )
-        held = _HELD_S if e.free else max(motion.held - self._period, 0.0)
+        held = _HELD_S if e.left_slip != 0.0 or e.right_slip != 0.0 else max(motion.held - self._period, 0.0)
         if held:
             motion = replace(motion, travel=e.travel)
             velocity, acceleration = _HELD_SPEED * within(e.velocity, self._max_speed), 0.0

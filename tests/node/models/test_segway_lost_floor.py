@@ -219,13 +219,14 @@ def test_only_one_that_is_up_balances(phase: Phase) -> None:
     assert not PhaseProgress(phase, lasting=PERIOD).balances, "it lies"
 
 
-def test_the_reference_waits_for_a_robot_whose_wheel_has_no_floor_and_a_while_on() -> None:
-    motion, e = Motion(travel=1.0, velocity=0.5), Estimate(travel=0.7, velocity=0.4, free=PERIOD)
+@pytest.mark.parametrize("slips", [{"left_slip": 0.1}, {"right_slip": -0.1}])
+def test_the_reference_waits_for_a_robot_whose_wheel_slips_and_a_while_on(slips: dict[str, float]) -> None:
+    motion, e = Motion(travel=1.0, velocity=0.5), Estimate(travel=0.7, velocity=0.4, free=PERIOD, **slips)
     motion = LAW.ramped(motion, e, 0.5, 0.0)
     assert motion.velocity == pytest.approx(0.32)
     assert motion.acceleration == 0.0
     assert motion.travel == pytest.approx(0.7 + 0.32 * PERIOD)
-    e = replace(e, free=0.0)
+    e = replace(e, left_slip=0.0, right_slip=0.0)  # a moment without the floor alone is no reason to wait
     for _ in range(39):
         motion = LAW.ramped(motion, e, 0.5, 0.0)
     assert motion.velocity == pytest.approx(0.32)
