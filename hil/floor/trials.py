@@ -58,15 +58,15 @@ class FloorTrial(NamedTuple):
 
 _BOTH: Final = frozenset({"segway", "segway-odrive"})
 _ODRIVE: Final = frozenset({"segway-odrive"})
-_BOARDS: Final = [
-    f"board of 1 cm, {wheels}, {speed} m/s" for wheels in ("both wheels", "left wheel") for speed in (0.2, 0.4, 0.6)
-]
 FALLS: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
         "friction 0.5, front bumper": _ODRIVE,
         "friction 0.5, rear bumper": _BOTH,
         "WheelRadius times 0.7": _BOTH,
-        **dict.fromkeys(_BOARDS, _BOTH),
+        "board of 1 cm, both wheels, 0.4 m/s": _BOTH,
+        "board of 1 cm, both wheels, 0.6 m/s": _BOTH,
+        "board of 1 cm, left wheel, 0.2 m/s": _BOTH,
+        "board of 1 cm, left wheel, 0.4 m/s": _ODRIVE,
     }
 )
 """Of the trials that the documentation lists: which packaged robots do not withstand it, with seed 1."""

@@ -194,7 +194,11 @@ class SegwayController(SectionedModel):
         linear, angular, stand = s[0], s[1], s[2]
         progress = self.progress
         self.estimate = self.estimator.advance(
-            self.estimate, self.measured, resting=progress.is_resting, may_slip=progress.may_slip
+            self.estimate,
+            self.measured,
+            resting=progress.is_resting,
+            may_slip=progress.may_slip,
+            sent=self.motion.sent if progress.balances else None,
         )
         self.progress = self.rules.advance(self.progress, self.estimate, stand=stand >= 0.5)  # noqa: PLR2004 - half way from 0 to 1
         self.motion = self.moved(linear, angular)
@@ -205,12 +209,14 @@ class SegwayController(SectionedModel):
         law, motion, e, limit = self.law, self.motion, self.estimate, self.torque_limit
         match self.progress.phase:
             case Phase.BALANCING:  # for nearly all of its time, and so asked for first
-                return law.balanced(law.ramped(motion, e, linear, angular), e, limit)
+                return law.balanced(law.ramped(motion, e, linear, angular), e, limit, is_up=True)
             case Phase.STANDING_UP:
                 begins = self.progress.elapsed == 0.0
                 return law.balanced(law.rising(motion, e, limit, begins=begins), e, limit)
             case Phase.SITTING_DOWN:
                 return law.braked(law.here(motion, e), self.rules.torque_down(e), limit)
+            case Phase.LIFTED:
+                return law.lifted(law.here(motion, e), e, limit)
             case _:
                 return stopped(law.here(motion, e))
 

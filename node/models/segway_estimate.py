@@ -16,12 +16,25 @@ what was taken for slip wrongly ends. Beyond 0.2 m/s a difference is slip; veloc
 wheel slips all is as the wheels roll, to the last bit. As in ABS and traction control, which compare wheels with a
 reference velocity: Gustafsson, "Slip-based tire-road friction estimation", Automatica 33 (1997).
 
-An IMU that fails looks like slip. Slip is looked for only where wheels are given the torque that makes them slip; in
-all other phases the law acts on the wheels as they turn, and safety sees at once what the IMU does.
+An IMU that fails looks like slip. By what is felt, slip is looked for only where wheels are given the torque that makes
+them slip. While it balances, a wheel must show by itself that it has lost the floor: it gains speed as its torque gives
+to none that carries the robot, and as the momentum of axle and body, M v + m l q cos(pitch), does not. An edge that
+stops the axle makes the body turn, and that sum stays nearly the same; friction changes it by no more than some m/s2.
+Until both wheels roll again, and no longer than 0.15 s, the axle's velocity is what keeps the momentum, drawn to the
+wheel that is nearer to it. With the gain for a steady acceleration, PitchPerAcceleration = (m l + M r) / (m g l), the
+momentum for each M is
+
+    v + k q cos(pitch)        k = m l / M = r / (g PitchPerAcceleration - 1)
+
+Both wheels spin so where the robot slips, leaps or is lifted. What tells them apart is Newton's second law: an
+accelerometer feels all forces on the body but its weight. A body that leaps feels none, one that stands or is held
+feels its weight. Wheels that slip on a floor are held by it, and bounce in turns. So where both have spun alike for
+0.02 s, or for half of it with less torque than makes them slip, and the body feels half to twice its weight all the
+while, something other than its wheels carries it: a hand (`lifted`).
 """
 
 from collections.abc import Mapping
-from math import atan2, cos, hypot, sin
+from math import atan2, copysign, cos, hypot, sin
 from typing import Final
 
 from segway_ecc.firmware_io.value import Value
@@ -40,6 +53,35 @@ _FELT_TIME_S: Final = 0.15
 """Time constant with which the felt velocity is drawn to the wheels': 0.2 m/s in that time is 1.3 m/s2 at most."""
 _LARGEST_ACCELERATION: Final = 2.0 * STANDARD_GRAVITY
 """More, m/s2, no tyre gives: the body hit something, and what the accelerometer feels of that is no travel."""
+_FREE: Final = 12.0
+_FREE_PER_TORQUE: Final = 15.0
+"""A wheel that gains more speed than 12 m/s2, and 15 m/s2 for each N m that both are given, has no floor: those that
+carry the published robot gain 14 m/s2 for each N m, and those in the air 145 m/s2."""
+_PUSHED_STILL: Final = 0.8
+"""Of a torque so much counts a period later: it acts for two or three after it was sent."""
+_OFF_SHARE: Final = 0.5
+"""By this part of what it gains, the momentum is off at least."""
+_JUMP: Final = 3.0 * STANDARD_GRAVITY
+"""What changes the momentum faster, m/s2, is no motion of the robot: friction gives 1 g, a push 1.4 g."""
+_LONGEST_FREE_S: Final = 0.15
+"""How long a wheel may be without the floor, s: a hop of 3 cm takes as long. Then the wheels are believed again."""
+_DRAWN_TO_WHEELS: Final = 6.0
+"""How fast the momentum is drawn to the wheels meanwhile, m/s2: what a tyre gives on an ordinary floor."""
+_ALIKE: Final = 0.8
+"""Wheels spin alike that differ by less than this part of the faster one's: at an edge they bounce in turns."""
+_HARDLY: Final = 20.0
+"""Which of two wheels that both gain less, m/s2, does so faster means nothing."""
+_STEADY: Final = 6.0
+"""Wheels that gain less, m/s2, may roll, and what looks like a slip be a velocity that was felt wrongly."""
+_LEAST_HELD: Final = 0.5 * STANDARD_GRAVITY
+_MOST_HELD: Final = 2.0 * STANDARD_GRAVITY
+"""A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
+_LEAST_SLIP_TORQUE: Final = 0.6
+"""Sum of torques, N m, with which the published robot slips on a friction of 0.23, by M g r: a floor carries it."""
+_SURE: Final = 2.0
+"""So many times a moment counts in which wheels spin with less than that."""
+_LEAST_LEAN: Final = 1.02
+"""PitchPerAcceleration times gravity is more than one for any robot; nearer to it the wheels weigh next to nothing."""
 
 
 class SegwayMeasurement(Value, frozen=True):
@@ -72,6 +114,10 @@ class Estimate(Value, frozen=True):
         off: How far the accelerometer's "up" is from the pitch, rad, up to 0.2 either way.
         felt_velocity: The velocity by the accelerometer, drawn to the wheels', m/s.
         left_slip, right_slip: How much faster a wheel turns than the robot moves there, m/s, beyond what is uncertain.
+        left_tread, right_tread: Velocity of each wheel's tread against the body, m/s.
+        free: How long a wheel has been without the floor, s; zero while both roll.
+        lifted: How long both have been, alike, while something else carries the body, s; sure moments count twice.
+        pushed: The largest sum of torques that may act still, either way, N m.
     """
 
     since: float = 0.0
@@ -90,6 +136,11 @@ class Estimate(Value, frozen=True):
     felt_velocity: float = 0.0
     left_slip: float = 0.0
     right_slip: float = 0.0
+    left_tread: float = 0.0
+    right_tread: float = 0.0
+    free: float = 0.0
+    lifted: float = 0.0
+    pushed: float = 0.0
 
     @property
     def rolled(self) -> float:
@@ -110,6 +161,10 @@ class Estimator:
         self._pull_time = tilt_time * bias_time
         self._half_track = 0.5 * p["Track"]
         self._felt_part = period / _FELT_TIME_S
+        lean = max(p["PitchPerAcceleration"] * STANDARD_GRAVITY, _LEAST_LEAN)
+        self._swing = p["WheelRadius"] / (lean - 1.0)
+        self._hardly, self._steady = _HARDLY * period, _STEADY * period
+        self._jump, self._drawn_most = _JUMP * period, _DRAWN_TO_WHEELS * period
         self._yaw_rate_per_speed = p["WheelRadius"] / p["Track"]
         self._drawn = period / bias_time
         # The part of a resting gyro's rate that is taken for bias in one period.
@@ -122,8 +177,18 @@ class Estimator:
         pitch = atan2(-m.acceleration_x, m.acceleration_z)
         return Estimate(since=self._period, pitch=pitch, rotation=_rotation(m, pitch))
 
-    def advance(self, e: Estimate, m: SegwayMeasurement, *, resting: bool, may_slip: bool = False) -> Estimate:
-        """The estimate one period later; whether the motors are off, and whether wheels are given enough to slip."""
+    def advance(
+        self, e: Estimate, m: SegwayMeasurement, *, resting: bool, may_slip: bool = False, sent: float | None = None
+    ) -> Estimate:
+        """The estimate one period later.
+
+        Args:
+            e: The estimate now.
+            m: What is measured.
+            resting: Whether the motors are off.
+            may_slip: Whether wheels are given enough torque to slip.
+            sent: Sum of the torques that were sent last, N m, where the robot balances.
+        """
         since, pitch, pitch_bias = e.since, e.pitch, e.pitch_bias
         if since == 0.0:
             return self.start(m)
@@ -132,14 +197,24 @@ class Estimator:
         pitch_rate = m.gyro_y - pitch_bias
         rolled = self._radius * (0.5 * (left_velocity + right_velocity) + pitch_rate)
         gyro = m.gyro_z * cos_pitch - m.gyro_x * sin_pitch
-        felt, left_slip, right_slip = rolled, 0.0, 0.0
-        if may_slip:
-            felt = self._felt(e, m, pitch_rate, rolled)
+        left_tread, right_tread = self._radius * left_velocity, self._radius * right_velocity
+        felt, free, left_slip, right_slip, pushed = rolled, 0.0, 0.0, 0.0, 0.0
+        if may_slip or sent is not None:
             # The left wheel rolls by that much slower than the middle, the right one faster.
-            turned = self._half_track * (gyro - e.yaw_bias)
-            left_slip = _beyond(self._radius * (left_velocity + pitch_rate) - (felt - turned), _UNCERTAIN_SPEED)
-            right_slip = _beyond(self._radius * (right_velocity + pitch_rate) - (felt + turned), _UNCERTAIN_SPEED)
+            turned, rolling = self._half_track * (gyro - e.yaw_bias), self._radius * pitch_rate
+            left, right = left_tread + rolling + turned, right_tread + rolling - turned
+            if sent is None:
+                felt = self._felt(e, m, pitch_rate, rolled)
+            else:
+                pushed = max(abs(sent), _PUSHED_STILL * e.pushed)
+                kept = e.felt_velocity - self._swing * cos_pitch * (pitch_rate - e.pitch_rate)
+                free = self._freed(e, (left_tread, right_tread), (left - kept, right - kept), copysign(pushed, sent))
+                if free:
+                    felt = kept + within(min(left - kept, right - kept, key=abs), self._drawn_most)
+            if may_slip or free:
+                left_slip, right_slip = _beyond(left - felt, _UNCERTAIN_SPEED), _beyond(right - felt, _UNCERTAIN_SPEED)
         slips = left_slip != 0.0 or right_slip != 0.0
+        lifted = self._lifted(e, m, (left_tread, right_tread), (left_slip, right_slip), pushed) if free else 0.0
         velocity = rolled - 0.5 * (left_slip + right_slip)
         still = abs(pitch_rate) < _STILL_RATE and abs(velocity) < _STILL_SPEED
 
@@ -182,7 +257,56 @@ class Estimator:
             felt,
             left_slip,
             right_slip,
+            left_tread,
+            right_tread,
+            free,
+            lifted,
+            pushed,
         )
+
+    def _freed(self, e: Estimate, treads: tuple[float, float], off: tuple[float, float], sent: float) -> float:
+        """How long a wheel has been without the floor, s.
+
+        Args:
+            e: The estimate before.
+            treads: Velocities of both treads against the body, m/s.
+            off: By how much the momentum is off if the left wheel rolls, and if the right one does, m/s.
+            sent: Sum of the torques that act on them, N m.
+        """
+        left_off, right_off = off
+        if e.free:
+            jump = self._jump
+            rolls = -jump < left_off < jump and -jump < right_off < jump
+            return e.free + self._period if e.free < _LONGEST_FREE_S and not rolls else 0.0
+        way = copysign(1.0, sent)
+        left, right = way * (treads[0] - e.left_tread), way * (treads[1] - e.right_tread)
+        most = self._period * (_FREE + _FREE_PER_TORQUE * abs(sent))
+        if left <= most and right <= most:  # nearly always
+            return 0.0
+        left_spins = left > most and way * left_off > _OFF_SHARE * left
+        right_spins = right > most and way * right_off > _OFF_SHARE * right
+        return self._period if left_spins or right_spins else 0.0
+
+    def _lifted(
+        self,
+        e: Estimate,
+        m: SegwayMeasurement,
+        treads: tuple[float, float],
+        slips: tuple[float, float],
+        pushed: float,
+    ) -> float:
+        """How long both wheels have spun alike while something carries the body, s.
+
+        Treads and slips are in m/s, the torque by which they are `pushed` in N m.
+        """
+        gains = treads[0] - e.left_tread, treads[1] - e.right_tread
+        gain = max(abs(gains[0]), abs(gains[1]))
+        spin = slips[0] * treads[0] > 0.0 and slips[1] * treads[1] > 0.0 and _are_alike(slips)
+        if not (spin and _is_held(m) and (gain < self._hardly or _are_alike(gains))):
+            return 0.0
+        if gain <= self._steady:
+            return e.lifted
+        return e.lifted + self._period * (1.0 if pushed > _LEAST_SLIP_TORQUE else _SURE)
 
     def _felt(self, e: Estimate, m: SegwayMeasurement, pitch_rate: float, rolled: float) -> float:
         """The felt velocity one period later, where the wheels roll at `rolled`, m/s."""
@@ -203,6 +327,17 @@ class Estimator:
 
 def _rotation(m: SegwayMeasurement, pitch: float) -> float:
     return 0.5 * (m.left_angle + m.right_angle) + pitch
+
+
+def _is_held(m: SegwayMeasurement) -> bool:
+    """Whether something carries the body, by what it feels."""
+    return _LEAST_HELD < hypot(m.acceleration_x, m.acceleration_z) < _MOST_HELD
+
+
+def _are_alike(speeds: tuple[float, float]) -> bool:
+    """Whether these are of two wheels that are given alike and that nothing holds, m/s."""
+    left, right = speeds
+    return abs(left - right) < _ALIKE * max(abs(left), abs(right))
 
 
 def _beyond(value: float, limit: float) -> float:

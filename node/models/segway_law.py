@@ -14,10 +14,23 @@ the pitch at rest). The heading is held by feedback of its error and of the yaw 
 To stand up takes nearly all that a tyre carries on an ordinary floor, and a wheel that weighs little spins within two
 periods. So each wheel begins with part of its torque and is given more while it rolls. One that slips has more than its
 tyre carries, and loses grip by it: it is given less, the longer and the faster it slips.
+
+A robot that drives against an edge stops, and its body falls on over it. To be caught it must climb at once. The law
+above would do the opposite: it lets the body fall, to catch up with the reference on wheels that roll. So from where a
+wheel loses the floor, the reference waits for the robot, at nearly its speed. That wheel is sent less the faster it
+spins, and is braked before it lands. Where both spin the same way, both are braked.
+
+A robot that is lifted has nothing to balance on. Its wheels are braked until they rest against the body, and then the
+motors give nothing. A wheel with the inertia J that is sent u = -k v for the speed v = r w of its tread stops by
+
+    J dw/dt = u        dv/dt = -(r k / J) v        J / (r k) = 29 ms for k = 0.12 N s and the published wheel
+
+which is twice what it takes a torque to act, so that it does not swing.
 """
 
 import enum
 from collections.abc import Mapping
+from math import copysign
 from typing import Final
 
 from msgspec.structs import replace
@@ -59,6 +72,27 @@ _KEPT_SPEED: Final = 0.8
 _KEPT_PITCH: Final = 0.25
 """A robot that stands up with less than all its torque keeps this part of its speed, down to this pitch, rad, and less
 and less below: to brake takes the grip that getting up needs, and to arrive faster takes a longer way."""
+_HELD_S: Final = 0.2
+"""How long the reference waits on for a robot that had a wheel without the floor, s."""
+_HELD_SPEED: Final = 0.8
+"""Part of the robot's speed that the reference has meanwhile."""
+_SPINS: Final = 1.0
+"""A wheel that slips faster, m/s, is braked."""
+_BRAKE_PER_SLIP: Final = 0.25
+"""Torque that brakes it, N s: with two periods of delay, a wheel of 1.7e-4 kg m2 stops without swinging."""
+_LARGEST_BRAKE: Final = 0.45
+"""The most of it, N m: less than safety counts as oscillation."""
+_LIFTED_S: Final = 0.02
+"""So long both wheels must have been without the floor, while something carries the body, until it counts as lifted."""
+_LIFTED_BRAKE: Final = 0.12
+"""Torque that brakes a wheel of a lifted robot for its speed, N s."""
+_BRAKE_LEAD: Final = 1.0
+"""Periods by which that speed is foreseen."""
+_RESTS_SPEED: Final = 0.05
+_RESTS_S: Final = 0.02
+"""Wheels that are slower, m/s, for so long are at rest."""
+_LONGEST_BRAKE_S: Final = 0.3
+"""Wheels that do not rest by then are not braked any more: they stop by their friction."""
 _RAMP_RATE: Final = 2.0
 _RAMP_LAG_S: Final = 0.2
 """The ramp of a set-point is (1 + lag s) s + rate: well damped, and without a step in acceleration."""
@@ -76,7 +110,9 @@ class Phase(enum.IntEnum):
     SITTING_DOWN = 3
     """Leaning down onto the stop ahead, then braking."""
     GIVEN_UP = 4
-    """Down, the motors give nothing; it fell or did not get up; tries again after a request to sit."""
+    """The motors give nothing; it fell, did not get up or was lifted; tries again after a request to sit."""
+    LIFTED = 5
+    """Its wheels have no floor, since something else carries it: they are braked until they rest."""
 
 
 class PhaseProgress(Value, frozen=True):
@@ -102,6 +138,11 @@ class PhaseProgress(Value, frozen=True):
     def may_slip(self) -> bool:
         """Whether wheels are given as much torque as makes them slip on an ordinary floor."""
         return self.phase is Phase.STANDING_UP
+
+    @property
+    def balances(self) -> bool:
+        """Whether the robot is up, and does not lie: what its wheels do as it strikes the floor is no lost floor."""
+        return self.phase is Phase.BALANCING and self.lasting == 0.0
 
 
 class PhaseRules:
@@ -143,9 +184,7 @@ class PhaseRules:
     def _next(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> Phase:
         match progress.phase:
             case Phase.BALANCING:  # for nearly all of its time, and so asked for first
-                if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
-                    return Phase.GIVEN_UP
-                return Phase.BALANCING if stand else Phase.SITTING_DOWN
+                return self._from_balancing(progress, e, stand=stand)
             case Phase.RESTING:
                 is_settled = min(e.since, progress.elapsed) > self._settling_time and abs(e.off) < _SETTLED_WITHIN
                 return Phase.STANDING_UP if stand and is_settled else Phase.RESTING
@@ -156,6 +195,16 @@ class PhaseRules:
                 return Phase.RESTING if is_over else Phase.SITTING_DOWN
             case Phase.GIVEN_UP:
                 return Phase.GIVEN_UP if stand else Phase.RESTING
+            case Phase.LIFTED:
+                is_over = progress.lasting > _RESTS_S or progress.elapsed > _LONGEST_BRAKE_S
+                return Phase.GIVEN_UP if is_over else Phase.LIFTED
+
+    def _from_balancing(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> Phase:
+        if e.lifted >= _LIFTED_S:
+            return Phase.LIFTED
+        if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
+            return Phase.GIVEN_UP
+        return Phase.BALANCING if stand else Phase.SITTING_DOWN
 
     def _from_standing_up(self, progress: PhaseProgress, *, stand: bool) -> Phase:
         if progress.elapsed > self._stand_up_time or progress.wrong > _RUNAWAY_TIME_S:
@@ -168,6 +217,8 @@ class PhaseRules:
         """Whether the robot is where its phase leads to, or has fallen while it balanced."""
         if phase is Phase.STANDING_UP:
             return abs(e.pitch) < _UP_PITCH and abs(e.pitch_rate) < _UP_RATE
+        if phase is Phase.LIFTED:
+            return abs(e.left_tread) < _RESTS_SPEED and abs(e.right_tread) < _RESTS_SPEED
         is_down = abs(e.pitch) > self._down_pitch
         if phase is Phase.BALANCING:
             return is_down
@@ -185,6 +236,7 @@ class Motion(Value, frozen=True):
         turning: Difference of the torques sent last, N m.
         left_slip, right_slip: What each wheel slipped then, m/s.
         left_yield, right_yield: By how much less than the torque limit each wheel may be sent as it slipped, N m.
+        held: How long the reference still waits for the robot, s.
     """
 
     travel: float = 0.0
@@ -201,6 +253,7 @@ class Motion(Value, frozen=True):
     right_slip: float = 0.0
     left_yield: float = 0.0
     right_yield: float = 0.0
+    held: float = 0.0
 
 
 class Law:
@@ -233,14 +286,22 @@ class Law:
         self._max_turning_torque = p["MaxTurningTorque"]
 
     def ramped(self, motion: Motion, e: Estimate, linear: float, angular: float) -> Motion:
-        """Move the reference for one period towards the set-points, m/s and rad/s, not further ahead than allowed."""
+        """Move the reference for one period towards the set-points, m/s and rad/s, not further ahead than allowed.
+
+        It waits for a robot whose wheel slips, as one without the floor does, and for a while afterwards.
+        """
         linear, angular = within(linear, self._max_speed), within(angular, self._max_yaw_rate)
         velocity, acceleration = self._ramp(motion.velocity, motion.acceleration, linear, self._max_acceleration)
         yaw_rate, yaw_acceleration = self._ramp(
             motion.yaw_rate, motion.yaw_acceleration, angular, self._max_yaw_acceleration
         )
+        held = _HELD_S if e.left_slip != 0.0 or e.right_slip != 0.0 else max(motion.held - self._period, 0.0)
+        if held:
+            motion = replace(motion, travel=e.travel)
+            velocity, acceleration = _HELD_SPEED * within(e.velocity, self._max_speed), 0.0
         return replace(
             motion,
+            held=held,
             travel=_near(motion.travel + self._period * velocity, e.travel, self._max_travel_error),
             velocity=velocity,
             acceleration=acceleration,
@@ -281,8 +342,11 @@ class Law:
             return here
         return replace(here, velocity=_KEPT_SPEED * min(abs(e.pitch) / _KEPT_PITCH, 1.0) * e.velocity)
 
-    def balanced(self, motion: Motion, e: Estimate, limit: float) -> Motion:
-        """Send what keeps the robot up and on its way, each wheel within `limit`, N m."""
+    def balanced(self, motion: Motion, e: Estimate, limit: float, *, is_up: bool = False) -> Motion:
+        """Send what keeps the robot up and on its way, each wheel within `limit`, N m.
+
+        A robot that `is_up` has its grip back as soon as a wheel rolls; one that rises gains it slowly.
+        """
         acceleration, integral, last = motion.acceleration, motion.integral, motion.sent
         ahead = self._torque_per_acceleration * acceleration
         error = e.travel - motion.travel
@@ -307,7 +371,10 @@ class Law:
             turning=self._turning(motion, e, limit, sent),
         )
         if e.left_slip == e.right_slip == motion.left_yield == motion.right_yield == 0.0:  # nearly always
-            return moved
+            slipped = is_up and (motion.left_slip != 0.0 or motion.right_slip != 0.0)
+            return replace(moved, left_slip=0.0, right_slip=0.0) if slipped else moved
+        if is_up and motion.left_yield == motion.right_yield == 0.0:
+            return _spinning(replace(moved, integral=motion.integral), e, limit)
         return self._gripping(moved, e, limit)
 
     def _gripping(self, motion: Motion, e: Estimate, limit: float) -> Motion:
@@ -338,6 +405,19 @@ class Law:
         sent = self._reachable(torque, motion.sent, 2.0 * limit)
         return replace(motion, sent=sent, sent_before=motion.sent, turning=0.0)
 
+    def lifted(self, motion: Motion, e: Estimate, limit: float) -> Motion:
+        """Brake each wheel until it rests against the body, with no more than `limit`, N m."""
+        left = _stilled(e.left_tread, motion.left_slip, limit)
+        right = _stilled(e.right_tread, motion.right_slip, limit)
+        return replace(
+            motion,
+            sent=left + right,
+            sent_before=motion.sent,
+            turning=right - left,
+            left_slip=e.left_tread,
+            right_slip=e.right_tread,
+        )
+
     def _reachable(self, torque: float, sent: float, limit: float) -> float:
         """The nearest torque that the motors can give, and that is not too far from the one before."""
         return within(_near(torque, sent, self._torque_step), limit)
@@ -356,6 +436,40 @@ def torques(motion: Motion) -> tuple[float, float]:
     """What was sent last to the left and to the right wheel, N m."""
     sent, turning = motion.sent, motion.turning
     return 0.5 * (sent - turning), 0.5 * (sent + turning)
+
+
+def _spinning(motion: Motion, e: Estimate, limit: float) -> Motion:
+    """What is sent to wheels of which one spins, of no more than `limit`, N m, to each."""
+    if e.left_slip * e.right_slip > 0.0:
+        left, right = _braking(e.left_slip, limit), _braking(e.right_slip, limit)
+    else:
+        left, right = torques(motion)
+        left = _held_back(left, limit, e.left_slip, motion.left_slip)
+        right = _held_back(right, limit, e.right_slip, motion.right_slip)
+    return replace(motion, sent=left + right, turning=right - left, left_slip=e.left_slip, right_slip=e.right_slip)
+
+
+def _held_back(torque: float, limit: float, slip: float, before: float) -> float:
+    """What of a torque is sent to a wheel that slips, m/s, and slipped so much in the period before."""
+    if slip * torque <= 0.0:
+        return within(torque, limit)
+    size = abs(slip)
+    if size > _SPINS:
+        return _braking(slip, limit)
+    foreseen = size + _SLIP_LEAD * (size - abs(before))
+    left = limit - _SLIP_GAIN * max(foreseen, 0.0)
+    return within(torque, left) if left >= 0.0 else -copysign(min(-left, limit), torque)
+
+
+def _braking(slip: float, limit: float) -> float:
+    """What brakes a wheel that slips, m/s, of no more than `limit`, N m."""
+    return -within(_BRAKE_PER_SLIP * slip, min(_LARGEST_BRAKE, limit))
+
+
+def _stilled(speed: float, before: float, limit: float) -> float:
+    """What stops a wheel that turns at a speed, m/s, and turned so fast a period before."""
+    foreseen = speed + _BRAKE_LEAD * (speed - before)
+    return -within(_LIFTED_BRAKE * foreseen, min(_LARGEST_BRAKE, limit))
 
 
 def stopped(motion: Motion) -> Motion:

@@ -14,15 +14,21 @@ class View:
         periods: How many periods have passed since the last cycle started: 1, and more where one started late.
         setpoint: The set-point in force, m/s and rad/s; None where the robot follows none.
         elapsed_s: The same to the nanosecond, s; None where it is not known.
+        balances: Whether the robot does, and neither stands up nor lies.
+        is_idle: Whether no motor is sent anything.
+        spins: Whether a wheel has lost the floor; the check that sees it says so to those after it.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what there is of a cycle
         self,
         values: Sequence[float],
         valid: Sequence[bool],
         periods: int,
         setpoint: tuple[float, float] | None = None,
         elapsed_s: float | None = None,
+        *,
+        balances: bool = False,
+        is_idle: bool = False,
     ) -> None:
         """Show one cycle to every check."""
         self.values = values
@@ -30,6 +36,9 @@ class View:
         self.periods = periods
         self.setpoint = setpoint
         self.elapsed_s = elapsed_s
+        self.balances = balances
+        self.is_idle = is_idle
+        self.spins = False
         self._is_complete = False not in valid
 
     def has(self, indices: Sequence[int]) -> bool:

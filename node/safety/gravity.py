@@ -8,6 +8,7 @@ from typing import Final
 from segway_ecc.node.safety.check import Check, View, periods_in
 from segway_ecc.node.safety.plausibility import MOVING
 from segway_ecc.node.safety.settings import GravitySettings
+from segway_ecc.node.safety.spin import SpinWatch
 from segway_ecc.node.safety.tilt import GRAVITY
 
 _GRAVITY_WITHIN: Final = 0.1
@@ -20,6 +21,11 @@ _SHOCK: Final = 0.5
 """A shock adds this much of the limit in one sample: what an IMU measures falsely for longer adds up."""
 _SHOCKS_APART_S: Final = 0.5
 """A body strikes the floor once in this time, s; noise does not wait."""
+_UPRIGHT: Final = 0.4
+"""A body that leans further, rad, falls: what its wheels do as it strikes the floor is no lost floor."""
+_LEAST_HELD: Final = 0.5 * GRAVITY
+_MOST_HELD: Final = 2.0 * GRAVITY
+"""A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
 _RESTS_S: Final = 1.0
 """A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow."""
 
@@ -34,6 +40,9 @@ class GravityCheck(Check):
     first. Standing up, pushes and landing are motions that both show: they leave no residual. Noise does, soon. A
     shock between two samples, as of a body that falls onto its stop, does too: the first that comes in one sample,
     and after which the body turns more slowly, is passed over, as a gap is.
+
+    While a wheel spins that lost the floor, for the setting `spin_s` at most, it does not count (`SpinWatch`), and
+    nothing is learnt.
 
     What a hard landing leaves in the observer would be taken for an offset for some seconds. So while it is, and the
     robot rests with a gyro that reads less than that, it begins anew after a second.
@@ -62,6 +71,9 @@ class GravityCheck(Check):
         self._rests_for = periods_in(_RESTS_S, period_s)
         self._missed = self._calm = self._rests = 0
         self._far = 0.0
+        self._spin = (
+            None if settings.spin_s is None else SpinWatch(settings.spin_s, self._most_velocity / 3.0, period_s)
+        )
         self._is_running = False
         self._pitch = self._rate = self._offset = self._ahead = self._up = 0.0
 
@@ -77,7 +89,7 @@ class GravityCheck(Check):
         self._missed = 0
         values = view.values
         rate, x, z = values[self._gyro], values[self._x], values[self._z]
-        wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
+        left, right = self._radius * values[self._left], self._radius * values[self._right]
         if not self._is_running or periods > self._longest_gap:
             self._begin(values)
             return None
@@ -87,9 +99,12 @@ class GravityCheck(Check):
         is_slower, self._rate = abs(rate) < abs(self._rate), rate
         cosine, sine = (cos(pitch), sin(pitch)) if isfinite(pitch) else (nan, nan)
         swing = self._height * turned
-        ahead = wheels + self._radius * turned + swing * cosine
-        up = -swing * sine
+        rolls = self._radius * turned + swing * cosine
         shown_ahead = self._ahead + elapsed_s * (x * cosine + z * sine)
+        wheels = self._by_wheels(view, left, right, shown_ahead - rolls, periods, is_upright=abs(pitch) < _UPRIGHT)
+        lost = None if self._spin is None else self._spin.fault
+        ahead = wheels + rolls
+        up = -swing * sine
         shown_up = self._up + elapsed_s * (z * cosine - x * sine - GRAVITY)
         off, off_up = ahead - shown_ahead, up - shown_up
         far, most = hypot(off, off_up), self._most_velocity
@@ -97,9 +112,9 @@ class GravityCheck(Check):
         is_shock = not far <= most and is_slower and self._calm > self._shocks_apart and far - self._far > _SHOCK * most
         if is_shock:
             self._calm = 0
-        if is_shock or is_late:  # what happened meanwhile is not known
+        if is_shock or is_late or lost is not None:  # what happened meanwhile is not known
             self._pitch, self._ahead, self._up, self._far = pitch, ahead, up, 0.0
-            return None
+            return lost
         if not far <= most:
             self._is_running = self.is_credible = False
             return (
@@ -107,6 +122,8 @@ class GravityCheck(Check):
                 f"m/s, beyond {most:g} m/s"
             )
         self._far = far
+        if view.spins:  # nothing is learnt
+            elapsed_s = 0.0
         gain = elapsed_s * self._velocity_gain
         self._ahead = shown_ahead + gain * off
         self._up = shown_up + gain * off_up
@@ -115,6 +132,18 @@ class GravityCheck(Check):
             off = copysign(_MOST_LEARNT, off)
         self._offset -= elapsed_s * self._offset_gain * off
         return self._judge_offset(values, periods)
+
+    def _by_wheels(  # noqa: PLR0913 - what there is of a cycle
+        self, view: View, left: float, right: float, shown: float, periods: int, *, is_upright: bool
+    ) -> float:
+        """How fast the wheels carry the axle ahead, m/s, by their treads; see `SpinWatch.look`."""
+        if self._spin is None:
+            return 0.5 * (left + right)
+        is_held = _LEAST_HELD < hypot(view.values[self._x], view.values[self._z]) < _MOST_HELD
+        balances, is_idle = view.balances and is_upright, view.is_idle
+        axle = self._spin.look(left, right, shown, periods, balances=balances, is_held=is_held, is_idle=is_idle)
+        view.spins = self._spin.is_on
+        return axle
 
     def _judge_offset(self, values: Sequence[float], periods: int) -> str | None:
         """What is wrong with the gyro's offset, so many periods after it was judged last."""
@@ -144,10 +173,12 @@ class GravityCheck(Check):
     def _begin(self, values: Sequence[float]) -> None:
         """Begin with a sample that may be one of a body at rest."""
         rate, x, z = values[self._gyro], values[self._x], values[self._z]
-        wheels = 0.5 * self._radius * (values[self._left] + values[self._right])
+        left, right = self._radius * values[self._left], self._radius * values[self._right]
+        if self._spin is not None:
+            self._spin.begin(left, right)
         self.is_credible = self._is_running = self._is_heavy(values)
         self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
         self._calm = self._rests = 0
         swing = self._height * rate
-        self._ahead = wheels + self._radius * rate + swing * cos(self._pitch)
+        self._ahead = 0.5 * (left + right) + self._radius * rate + swing * cos(self._pitch)
         self._up = -swing * sin(self._pitch)

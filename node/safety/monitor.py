@@ -15,6 +15,7 @@ from segway_ecc.node.safety.plausibility import (
     RangeCheck,
     Runaway,
     VelocityAgreement,
+    WheelSpeed,
     YawAgreement,
 )
 from segway_ecc.node.safety.posture import LIES_FOR_S, Body
@@ -104,7 +105,7 @@ class SafetyMonitor:
             start_ns: When the cycle started, ns, monotonic.
             lateness_ns: How long after its deadline that was, ns.
             setpoint: What the robot followed in the cycle before, m/s and rad/s; None where it had to follow nothing.
-            sent: The commands that left in this cycle, which `residual` needs.
+            sent: The commands that left in this cycle, which `residual` needs, and `gravity` too.
             balances: Whether the robot does, and neither stands up nor lies.
 
         Returns:
@@ -114,7 +115,8 @@ class SafetyMonitor:
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
         self.elapsed_s = elapsed_s
         self._start_ns = start_ns
-        view = View(values, valid, max(round(elapsed_s / self._period_s), 1), setpoint, elapsed_s)
+        periods, is_idle = max(round(elapsed_s / self._period_s), 1), bool(sent) and not any(sent)
+        view = View(values, valid, periods, setpoint, elapsed_s, balances=balances, is_idle=is_idle)
         faults: list[str] = []
         for check in self._checks:
             fault = check.look(view)
@@ -239,7 +241,7 @@ class SafetyMonitor:
         limit, supply = self._settings.wheel_velocity_limit, self._settings.supply
         if limit is not None:
             for name in [f"{axis}{_VELOCITY}" for axis in self._axes or _SIDES]:
-                yield RangeCheck(name, self._place("wheel_velocity_limit", name), -limit, limit, "rad/s")
+                yield WheelSpeed(name, self._place("wheel_velocity_limit", name), -limit, limit, "rad/s")
         for axis, joint in (self._settings.joint_limits or {}).items():
             name = f"{axis}.angle"
             yield RangeCheck(name, self._place(f"joint_limits.{axis}", name), joint.min_rad, joint.max_rad, "rad")

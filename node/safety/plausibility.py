@@ -42,6 +42,14 @@ class RangeCheck(Check):
         return f"{self._name} is {value:.2f} {self._unit}, allowed is {window}"
 
 
+class WheelSpeed(RangeCheck):
+    """A wheel's velocity: one that lost the floor may be faster for that moment; see `Check`."""
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        return None if view.spins else super().look(view)
+
+
 class Frozen(Check):
     """A set of values that repeats bit for bit for too long; see `Check`."""
 
@@ -88,7 +96,7 @@ class YawAgreement(Check):
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
-        if not view.has(self.needs):
+        if view.spins or not view.has(self.needs):
             self._held = 0
             return None
         values = view.values
@@ -185,7 +193,7 @@ class FollowingError(Check):
         setpoint = view.setpoint
         if setpoint is None:
             self._is_following = False
-        if setpoint is None or not view.has(self.needs):
+        if setpoint is None or view.spins or not view.has(self.needs):
             self._held = 0
             return None
         left, right = view.values[self._left], view.values[self._right]

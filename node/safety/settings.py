@@ -97,6 +97,7 @@ class GravitySettings(Section, frozen=True, kw_only=True):
         velocity_m_s: Largest difference of the IMU's velocities, m/s: more than the wheels slip, or drop off a kerb.
         gyro_rad_s: Largest offset of the gyro about y, rad/s.
         settle_s: How slowly the gyro's offset is learnt, s, 0.1 to 10: it is known after some four times as long.
+        spin_s: How long a wheel may spin that lost the floor, s; None: not at all.
     """
 
     wheel_radius: Positive
@@ -104,6 +105,7 @@ class GravitySettings(Section, frozen=True, kw_only=True):
     velocity_m_s: Positive
     gyro_rad_s: Positive
     settle_s: Annotated[float, msgspec.Meta(ge=0.1, le=10.0)] = 0.4
+    spin_s: Span | None = None
 
 
 class MotorSettings(Section, frozen=True, kw_only=True):

@@ -272,7 +272,7 @@ def test_states_expose_estimate_reference_and_phase() -> None:
         model.step(inputs(0.02, GyroY=0.1, GyroZ=0.2, LeftVelocity=1.0, RightVelocity=2.0))
     holds = [*astuple(model.estimate), *astuple(model.motion), *astuple(model.progress)]
     assert told(model, *(v.name for v in model.states[3:])) == holds
-    assert sum(value != 0.0 for value in holds) == 22, "so that the line above could have failed"
+    assert sum(value != 0.0 for value in holds) == 25, "so that the line above could have failed"
 
 
 def test_one_that_is_started_again_knows_nothing_of_before() -> None:

@@ -449,3 +449,66 @@ def test_an_imu_beside_drives_that_measure_nothing_yet_is_judged_alone() -> None
         assert check.is_credible is credible
     assert check.look(View((0.0,) * 5, (False,) * 5, 1)) is None
     assert check.is_credible, "what is not measured says nothing"
+
+
+SPINNING = replace(SETTINGS, spin_s=0.1)
+SPINS: Sample = (24.0, 0.0, 0.0, 0.0, G)
+"""A wheel that turns so fast takes the axle's velocity 0.6 m/s off."""
+
+
+def of_a_robot_that_is_up(settings: GravitySettings, sample: Sample = REST, periods: int = 1000) -> GravityCheck:
+    check = check_of(settings)
+    assert set(looks_up(check, [sample] * (periods + 1))) == {None}
+    return check
+
+
+def looks_up(check: GravityCheck, samples: Iterable[Sample]) -> Iterator[str | None]:
+    return (check.look(View(sample, (True,) * 5, 1, balances=True)) for sample in samples)
+
+
+@pytest.mark.parametrize("wheels", [(24.0, 0.0), (0.0, 24.0), (24.0, -24.0), (-24.0, 0.0)])
+def test_a_wheel_that_spins_does_not_count_for_a_while_and_the_others_are_told(wheels: tuple[float, float]) -> None:
+    check = of_a_robot_that_is_up(SPINNING)
+    for _ in range(99):
+        view = View((*wheels, 0.0, 0.0, G), (True,) * 5, 1, balances=True)
+        assert check.look(view) is None
+        assert view.spins
+    view = View((24.0, 24.0, 0.0, 0.0, G), (True,) * 5, 1, balances=True)
+    assert check.look(view) is not None
+    assert not view.spins
+
+
+@pytest.mark.parametrize(("settings", "periods"), [(SETTINGS, 1000), (SPINNING, 900)])
+def test_it_counts_without_the_setting_and_for_a_robot_that_has_not_been_up_for_long(
+    settings: GravitySettings, periods: int
+) -> None:
+    check = of_a_robot_that_is_up(settings, periods=periods)
+    assert None not in list(looks_up(check, [SPINS]))
+
+
+def test_nothing_is_learnt_while_a_wheel_spins() -> None:
+    check = of_a_robot_that_is_up(SPINNING)
+    off = (24.0, 3.0, 0.0, 0.0, G)  # 0.15 m/s, of which it would learn
+    assert set(looks_up(check, [off] * 90)) == {None}
+    assert check._offset == 0.0
+
+
+@pytest.mark.parametrize(
+    ("share", "lifted"),
+    [(0.49, False), (0.51, True), (1.0, True), (1.99, True), (2.01, False)],  # it falls freely, or was struck
+)
+def test_a_robot_that_was_lifted_is_told_once_and_taken_as_it_is_then(share: float, *, lifted: bool) -> None:
+    check = of_a_robot_that_is_up(SPINNING)
+    spins = (24.0, 24.0, 0.0, 0.0, share * G)
+    assert set(looks_up(check, [spins] * 31)) == {None}
+    found = list(looks_up(check, [REST] * 100))
+    assert (found[0] == "both wheels have lost the floor: the robot is lifted") is lifted
+    assert set(found[1:]) == {None}
+    assert check.is_credible
+
+
+def test_the_wheels_of_a_robot_that_leans_far_count_always() -> None:
+    for lean, counts in ((0.39, False), (0.41, True)):
+        check = of_a_robot_that_is_up(SPINNING, leaning(lean))
+        (fault,) = looks_up(check, [(24.0, 0.0, *leaning(lean)[2:])])
+        assert (fault is not None) is counts

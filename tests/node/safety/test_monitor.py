@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import pytest
+from msgspec.structs import replace
 
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.monitor import SafetyMonitor
@@ -72,6 +73,8 @@ class Rig:
     freeze_imu: bool = False
     slips: str = ""
     asked: tuple[float, float] | None = None
+    balances: bool = False
+    sent: Sequence[float] = ()
 
     def __post_init__(self) -> None:
         self.monitor = SafetyMonitor(self.settings, self.signals, self.used, self.period_ns)
@@ -92,7 +95,9 @@ class Rig:
         if self.slips:
             self.values[self.slips] = 2.0 + 1e-6 * (self.cycle % 7)
         values, _, valid = self.snapshot
-        return list(self.monitor.look(values, valid, self.deadline_ns + late_ns, late_ns, self.asked))
+        start_ns = self.deadline_ns + late_ns
+        balances = self.balances
+        return list(self.monitor.look(values, valid, start_ns, late_ns, self.asked, self.sent, balances=balances))
 
     def first(self, text: str, at_most: int = 60) -> int:
         """The first cycle from now, counted from 1, in which this is told."""
@@ -509,3 +514,28 @@ def test_signals_that_drives_measure_only_with_the_motors_on_are_neither_stale_n
     assert "unseen" in checks
     assert "wheels_still" not in checks
     assert "too old" in rig.check()["sensors"], "the same is a reason against arming where nothing explains it"
+
+
+@pytest.mark.parametrize("balances", [True, False])
+def test_a_wheel_that_loses_the_floor_while_the_robot_balances_may_be_too_fast_for_a_moment(*, balances: bool) -> None:
+    settings = SafetySettings(gravity=replace(GRAVITY, spin_s=0.1), wheel_velocity_limit=40.0)
+    rig = Rig(settings, balances=balances)
+    assert [fault for _ in range(210) for fault in rig.run()] == []
+    rig.values["left.velocity"] = 50.0
+    faults = [rig.run() for _ in range(21)]
+    assert (faults[:19] == [[]] * 19) is balances
+    assert "left.velocity is 50.00 rad/s, allowed is -40 to 40 rad/s" in faults[20]
+
+
+@pytest.mark.parametrize(("sent", "lifted"), [((0.0, 0.0), True), ((0.0, 0.1), False), ((), False)])
+def test_a_controller_that_gives_up_as_wheels_gain_what_the_imu_does_not_feel_took_the_robot_for_lifted(
+    sent: Sequence[float], *, lifted: bool
+) -> None:
+    rig = Rig(SafetySettings(gravity=replace(GRAVITY, spin_s=0.1)), balances=True, sent=(0.1, 0.1))
+    assert [fault for _ in range(210) for fault in rig.run()] == []
+    for gained in (0.7, 1.4, 2.1, 0.0):  # rad/s: 14 m/s2
+        rig.values["left.velocity"] = rig.values["right.velocity"] = gained
+        assert rig.run() == []
+    rig.sent = sent
+    faults = [fault for _ in range(20) for fault in rig.run()]
+    assert faults == ["both wheels have lost the floor: the robot is lifted"] * lifted

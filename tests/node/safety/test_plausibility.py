@@ -5,7 +5,14 @@ import random
 import pytest
 
 from segway_ecc.node.safety.check import View
-from segway_ecc.node.safety.plausibility import MOVING, Frozen, RangeCheck, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.plausibility import (
+    MOVING,
+    Frozen,
+    RangeCheck,
+    VelocityAgreement,
+    WheelSpeed,
+    YawAgreement,
+)
 from segway_ecc.node.safety.settings import VelocityConsistency, YawConsistency
 
 STEP = 0.005
@@ -105,6 +112,26 @@ def test_agreeing_wheels_and_gyro_never_fault() -> None:
         for _ in range(50):
             assert check.look(see(5.0, right, (right - 5.0) * 0.2 + 0.49)) is None
             assert check.look(see(5.0, right, (right - 5.0) * 0.2 - 0.49)) is None
+
+
+def spinning(view: View) -> View:
+    """The same while a wheel has lost the floor."""
+    view.spins = True
+    return view
+
+
+def test_a_wheel_that_has_lost_the_floor_says_nothing_of_the_yaw_and_what_was_counted_begins_anew() -> None:
+    check, off = yaw(), see(0.0, 20.0, 0.0)
+    found = [check.look(view) is None for view in [spinning(see(0.0, 20.0, 0.0))] * 20 + [off] * 9]
+    assert all(found)
+    assert check.look(spinning(see(0.0, 20.0, 0.0))) is None
+    assert [check.look(off) is None for _ in range(10)] == [True] * 9 + [False]
+
+
+def test_a_wheel_may_be_too_fast_while_it_has_lost_the_floor() -> None:
+    check = WheelSpeed("left.velocity", 0, -10.0, 10.0, "rad/s")
+    assert check.look(see(11.0, 0.0)) == "left.velocity is 11.00 rad/s, allowed is -10 to 10 rad/s"
+    assert check.look(spinning(see(11.0, 0.0))) is None
 
 
 def test_a_difference_at_the_tolerance_is_allowed() -> None:

@@ -75,6 +75,16 @@ def test_one_good_cycle_ends_what_was_wrong() -> None:
         assert check.look(see(1.0, 0.0, (1.0, 0.0))) is None
 
 
+def test_so_does_a_wheel_that_has_lost_the_floor() -> None:
+    check, spins = following(), see(2.0, 0.0, (1.0, 0.0))
+    spins.spins = True
+    assert told(check, steady(1.0, 0.0, (1.0, 0.0), count=100)) is None
+    assert told(check, iter([spins] * 100)) is None
+    assert told(check, steady(2.0, 0.0, (1.0, 0.0), count=FOR - 1)) is None
+    assert check.look(spins) is None
+    assert told(check, steady(2.0, 0.0, (1.0, 0.0), count=FOR)) == FOR
+
+
 def test_skipped_deadlines_count() -> None:
     check = following()
     assert told(check, steady(1.0, 0.0, (1.0, 0.0), count=100)) is None

@@ -46,7 +46,7 @@ safety:
   command_slew: 60.0
   output_limits: {odometry.x: 1000.0, left.torque: 4.0}
   oscillation: {amplitude: 2.0, in_window: 5, window_s: 0.3}
-  gravity: {wheel_radius: 0.1, imu_height: -0.2, velocity_m_s: 1.5, gyro_rad_s: 0.2, settle_s: 0.7}
+  gravity: {wheel_radius: 0.1, imu_height: -0.2, velocity_m_s: 1.5, gyro_rad_s: 0.2, settle_s: 0.7, spin_s: 0.2}
   checklist:
     {rate_tolerance: 0.1, still_rate: 0.2, still_acceleration: 1.0, still_s: 1.0, tilt_rad: 0.1, wheel_velocity: 1.0}
 """
@@ -113,7 +113,9 @@ def test_every_key_is_taken() -> None:
         command_slew=60.0,
         output_limits={"odometry.x": 1000.0, "left.torque": 4.0},
         oscillation=OscillationLimit(amplitude=2.0, in_window=5, window_s=0.3),
-        gravity=GravitySettings(wheel_radius=0.1, imu_height=-0.2, velocity_m_s=1.5, gyro_rad_s=0.2, settle_s=0.7),
+        gravity=GravitySettings(
+            wheel_radius=0.1, imu_height=-0.2, velocity_m_s=1.5, gyro_rad_s=0.2, settle_s=0.7, spin_s=0.2
+        ),
         checklist=ChecklistSettings(
             rate_tolerance=0.1, still_rate=0.2, still_acceleration=1.0, still_s=1.0, tilt_rad=0.1, wheel_velocity=1.0
         ),
@@ -134,7 +136,8 @@ def test_what_the_parts_leave_out_has_its_default() -> None:
         track=1.0, wheel_radius=1.0, linear_window=1.0, angular_window=None, settle_s=1.0, for_s=0.1, may_rest=False
     )
     assert OscillationLimit(amplitude=1.0, in_window=3).window_s == 0.2
-    assert GravitySettings(wheel_radius=1.0, imu_height=1.0, velocity_m_s=1.0, gyro_rad_s=1.0).settle_s == 0.4
+    gravity = GravitySettings(wheel_radius=1.0, imu_height=1.0, velocity_m_s=1.0, gyro_rad_s=1.0)
+    assert (gravity.settle_s, gravity.spin_s) == (0.4, None)
     assert RunawaySettings(wheel_radius=1.0, distance_m=1.0) == RunawaySettings(
         wheel_radius=1.0, linear_window=0.3, distance_m=1.0, settle_s=1.5
     )
