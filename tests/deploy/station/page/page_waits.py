@@ -49,3 +49,15 @@ def press(page: "Page", act: str) -> None:
 def press_any(page: "Page", selector: str) -> None:
     """Click what a selector names, be it disabled."""
     page.click(selector, force=True)
+
+
+def loaded(page: "Page") -> None:
+    """Wait until the page shows a picture whose age it knows: before, it commands nothing."""
+    there(page, "body[data-fresh=true]")
+    there(page, "#robot:not([hidden])")
+
+
+def load_again(page: "Page") -> None:
+    """Load the page anew, and wait for its first picture."""
+    page.reload()
+    loaded(page)

@@ -14,20 +14,16 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.browser
 
 
-def _fall_silent(station: FakeStation) -> None:
-    station.script.sends = False
-
-
-def _stand_still(station: FakeStation) -> None:
-    station.script.ticks = False
-
-
 def _shut(station: FakeStation) -> None:
     station.script.accepts = False
     station.cut()
 
 
-TROUBLE = {"no picture comes": _fall_silent, "its time stands still": _stand_still, "the socket is closed": _shut}
+TROUBLE = {
+    "no picture comes": FakeStation.fall_silent,
+    "its time stands still": FakeStation.stand_still,
+    "the socket is closed": _shut,
+}
 
 
 @pytest.mark.variants(1)
@@ -42,7 +38,7 @@ def test_stale_picture_is_reported_and_greyed(page: "Page", station: FakeStation
     box = page.locator("#stale").bounding_box()
     assert box is not None
     assert box["width"] == 1280
-    for panel in ("#overview", ".fleet", "#plots", ".checklist"):
+    for panel in ("#summary", "#overview", ".fleet", "#plots", ".checklist"):
         style = page.eval_on_selector(panel, "element => getComputedStyle(element).filter")
         assert style == "grayscale(1)", panel
     assert page.get_attribute("#plots", "data-live") == "false"
@@ -54,10 +50,15 @@ def test_stale_picture_is_reported_and_greyed(page: "Page", station: FakeStation
 
 
 def test_stale_banner_shows_growing_age_and_stays_visible(page: "Page", station: FakeStation) -> None:
-    station.script.sends = False
+    station.fall_silent()
     there(page, "#stale:not([hidden])")
     page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
-    shows(page, "#stale-age", "what you see is 2.")
+    page.wait_for_function(
+        "() => Number(/is ([\\d.]+) s old/.exec(document.querySelector('#stale-age').textContent)?.[1]) > 2"
+    )
+    page.wait_for_function(
+        "() => / old, of \\d\\d:\\d\\d:\\d\\d$/.test(document.querySelector('#stale-age').textContent)"
+    )
     box = page.locator("#stale").bounding_box()
     assert box is not None
     assert box["y"] == 0
@@ -66,7 +67,7 @@ def test_stale_banner_shows_growing_age_and_stays_visible(page: "Page", station:
 def test_a_picture_that_still_stands_after_a_new_socket_is_not_taken_for_a_new_one(
     page: "Page", station: FakeStation
 ) -> None:
-    station.script.ticks = False
+    station.stand_still()
     there(page, "body[data-fresh=false]")
     page.evaluate(
         """() => { window.fresh = 0; new MutationObserver(() => { window.fresh += 1; })
@@ -76,7 +77,7 @@ def test_a_picture_that_still_stands_after_a_new_socket_is_not_taken_for_a_new_o
     station.wait(lambda: station.sockets == 2)
     station.wait_frames(5)
     assert page.evaluate("() => window.fresh") == 0
-    station.script.ticks = True
+    station.go_on()
     there(page, "body[data-fresh=true]")
 
 
@@ -94,9 +95,9 @@ def test_it_comes_back_by_itself(page: "Page", station: FakeStation) -> None:
 
 def test_silent_socket_is_closed(page: "Page", station: FakeStation) -> None:
     """TCP may take minutes to notice; the page does not wait for it."""
-    station.script.sends = False
-    station.wait(lambda: station.sockets == 2)
-    station.script.sends = True
+    station.fall_silent()
+    station.wait(lambda: station.sockets > 1)
+    station.go_on()
     there(page, "body[data-fresh=true]")
 
 

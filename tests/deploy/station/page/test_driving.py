@@ -118,8 +118,8 @@ ENDS: dict[str, Callable[[Any, FakeStation], object]] = {
     "the robot is in fault": lambda _, station: station.robot(mode="FAULT"),
     "another takes control": lambda _, station: station.robot(controller="bert"),
     "another stops it": lambda _, station: station.robot(stop="requested"),
-    "the picture is stale": lambda _, station: setattr(station.script, "sends", False),
-    "the picture stands still": lambda _, station: setattr(station.script, "ticks", False),
+    "the picture is stale": lambda _, station: station.fall_silent(),
+    "the picture stands still": lambda _, station: station.stand_still(),
 }
 
 

@@ -11,6 +11,7 @@ from segway_ecc.deploy.station.views import EventView, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
 from tests.deploy.station.page.page_waits import there
 from tests.deploy.station.page.robot_states import CHECKS, armed, lost
+from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -71,6 +72,7 @@ def test_the_main_states_fit_the_screen(
 ) -> None:
     width, height = SIZES[size]
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+    context.set_default_timeout(PATIENCE_S * 1e3)
     tab = context.new_page()
     tab.goto(station.url)
     there(tab, "body[data-fresh=true]")
@@ -90,7 +92,7 @@ def test_the_main_states_fit_the_screen(
         stop = tab.locator("#stop").bounding_box()
         assert stop is not None
         assert stop["y"] + stop["height"] <= height, "STOP is out of sight"
-    station.script.sends = False
+    station.fall_silent()
     there(tab, "#stale:not([hidden])")
     tab.screenshot(path=pictures / f"no-station-{size}-{theme}.png")
     context.close()

@@ -8,7 +8,7 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act, TrialView
 from tests.deploy.station.page.fake_station import HELLO, FakeStation
-from tests.deploy.station.page.page_waits import gone, press_any, shows, there
+from tests.deploy.station.page.page_waits import gone, load_again, press_any, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -21,7 +21,7 @@ BACK = TrialView(name="recover", title="Bring it back", effect="everything is re
 
 def simulated(page: "Page", station: FakeStation, role: str = "operator") -> None:
     station.script.hello = msgspec.structs.replace(HELLO, role=role, trials=(CUT, BACK))
-    page.reload()
+    load_again(page)
     there(page, "#trials")
 
 

@@ -36,6 +36,7 @@ def test_new_socket_receives_hello_events_and_picture(tmp_path: Path) -> None:
                     "drive_period_s": 0.1,
                     "max_linear": 1.0,
                     "max_angular": 2.0,
+                    "fresh_s": 1.0,
                     "trials": [],
                 }
                 assert (await receive(socket, "event"))["text"] == "before"
@@ -255,6 +256,7 @@ def test_inside_tls(tmp_path: Path, certificate: Path, tried: Tried) -> None:
             async with client.post("/login", json={"name": "ann", "token": token}) as answer:
                 assert answer.status == 204
                 assert "Secure" in answer.headers["Set-Cookie"]
+                assert answer.headers["Strict-Transport-Security"] == "max-age=31536000"
             async with client.ws_connect("/socket") as socket:
                 assert (await receive(socket, "hello"))["who"] == "ann"
             reader, writer = await asyncio.open_connection("127.0.0.1", here.port)
