@@ -98,11 +98,16 @@ export class Connection {
     this._socket = socket;
     this._openedMs = performance.now();
     this._isFirst = true;
-    socket.onmessage = async ({ data }) => {
+    // One after the other, as they were sent: a picture that is being inflated must not come after a later reply.
+    let last = Promise.resolve();
+    const next = (act) => {
+      last = last.then(() => socket === this._socket && act()).catch((error) => setTimeout(() => { throw error; }));
+    };
+    socket.onmessage = ({ data }) => next(async () => {
       const json = typeof data === "string" ? data : await inflate(data);
       if (socket === this._socket) this._receive(json);
-    };
-    socket.onclose = () => socket === this._socket && this._disconnect();
+    });
+    socket.onclose = () => next(() => this._disconnect());
   }
 
   _receive(data) {
@@ -124,7 +129,8 @@ export class Connection {
 
   /** Take a picture that is newer, and tell the station, which sends no other before it knows. */
   _take(timeS) {
-    this._socket.send(JSON.stringify({ kind: "seen", time_s: timeS }));
+    // The station may have closed it meanwhile: what came before is taken all the same.
+    if (this._socket.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify({ kind: "seen", time_s: timeS }));
     if (!this._isNewer(timeS)) return false;
     this._pictureMs = performance.now();
     this._pictureAge.arrived(timeS, this._pictureMs, this._isFirst);

@@ -125,3 +125,39 @@ def test_a_station_that_began_anew_is_believed(page: "Page", station: FakeStatio
     station.wait(lambda: station.sockets == 2)
     there(page, "body[data-fresh=true]")
     page.wait_for_function("() => Number(document.querySelector('#plots').dataset.newest) < 100")
+
+
+def test_messages_are_taken_in_the_order_in_which_they_were_sent(page: "Page") -> None:
+    """A picture has to be inflated first; what was sent after it, the end of the socket too, waits for that."""
+    kinds = page.evaluate(
+        """async () => {
+        const { Connection } = await import("/static/connection.js");
+        const real = window.WebSocket;
+        let socket;
+        window.WebSocket = class {
+          static OPEN = 1;
+          readyState = 1;
+          constructor() { socket = this; }
+          send() {}
+          close() {}
+        };
+        const kinds = [];
+        let isOver;
+        const over = new Promise((resolve) => { isOver = resolve; });
+        const closed = () => { kinds.push("closed"); isOver(); };
+        const connection = new Connection("ws://a", {message: (kind) => kinds.push(kind), change() {}, closed});
+        connection.open();
+        window.WebSocket = real;
+        const deflate = (text) => new Response(
+          new Blob([text]).stream().pipeThrough(new CompressionStream("deflate"))).blob();
+        const picture = await deflate('{"kind": "fleet", "time_s": 1, "robots": []}');
+        socket.onmessage({data: '{"kind": "hello", "fresh_s": 60}'});
+        socket.onmessage({data: picture});
+        socket.onmessage({data: '{"kind": "reply"}'});
+        socket.onmessage({data: '{"kind": "event"}'});
+        socket.onclose();
+        await over;
+        connection.close();
+        return kinds; }"""
+    )
+    assert kinds == ["hello", "fleet", "reply", "event", "closed"]
