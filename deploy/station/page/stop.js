@@ -34,7 +34,7 @@ export class Stop {
     this._before();
     // Also where the picture is stale: it may be the way to us that is broken, not the one to the robot.
     for (const robot of robots) {
-      this._latches.set(robot.robot, newLatch(pressedMs));
+      this._latches.set(robot.robot, newLatch(pressedMs, robot.stop));
       this._send(robot);
     }
   }
@@ -62,14 +62,16 @@ export class Stop {
   update(robots) {
     for (const robot of robots) {
       const latch = this._latches.get(robot.robot);
+      if (!latch) continue;
+      // What was confirmed when this one was pressed is the stop before it: that tells nothing of this one.
+      latch.isAlone ||= robot.stop !== "confirmed";
+      if (!latch.isAlone) continue;
       // Somebody else may have cleared it, or taken it back.
-      if (latch?.isSeen && robot.stop === "") this._latches.delete(robot.robot);
-      else if (latch && robot.stop !== "") {
+      if (latch.isSeen && robot.stop === "") this._latches.delete(robot.robot);
+      else if (robot.stop !== "") {
         latch.isSeen = true;
-        latch.isTaken ||= robot.stop === "requested";
-        // What was confirmed before it was taken is the stop before this one.
-        if (latch.isTaken && robot.stop === "confirmed") latch.confirmedMs ??= performance.now();
         latch.isKept = robot.stop_kept || robot.stop === "confirmed";
+        if (robot.stop === "confirmed") latch.confirmedMs ??= performance.now();
       }
     }
     // A picture that may still be believed would have it by now.
@@ -97,7 +99,7 @@ export class Stop {
     const isSent = this._commands.send("stop", robot, {}, (isAccepted, why) => {
       latch.why = isAccepted ? "" : why;
       latch.isKept ||= isAccepted;
-      latch.isTaken ||= isAccepted;
+      latch.isAlone ||= isAccepted;
     });
     if (isSent) Object.assign(latch, { isSent, sentMs: performance.now() });
   }
@@ -174,6 +176,7 @@ function withAge({ kind, words }, { robot, isFresh, since }) {
   return { kind: "past", words: `${words}, as of ${timeOfDay(robot.age_s + since)}` };
 }
 
-const newLatch = (pressedMs) => ({
-  pressedMs, confirmedMs: null, sentMs: -Infinity, isSent: false, isTaken: false, isSeen: false, isKept: false, why: "",
+const newLatch = (pressedMs, before) => ({
+  pressedMs, confirmedMs: null, sentMs: -Infinity, why: "",
+  isSent: false, isAlone: before !== "confirmed", isSeen: false, isKept: false,
 });

@@ -212,6 +212,24 @@ def test_a_second_stop_is_not_confirmed_by_the_first(page: "Page", station: Fake
     shows(page, "#stop-state", "(20 ms at the station)")
 
 
+@pytest.mark.parametrize("then", ["confirmed", ""])
+def test_a_second_stop_that_was_lost_is_sent_again_whatever_became_of_the_first(
+    page: "Page", station: FakeStation, then: str
+) -> None:
+    """The station does not have it yet: that the first is confirmed, or was cleared, says nothing of it."""
+    station.script.answers[Act.STOP] = None
+    station.robot(stop="confirmed", stop_after_s=0.01, mode="FAULT", drives="off")
+    shows(page, "#stop-state", "Stop confirmed 10 ms after")
+    page.keyboard.press("Escape")
+    station.wait(lambda: station.commands)
+    station.wait_seen(2)
+    station.robot(stop=then)
+    station.wait_seen(2)
+    station.cut()
+    station.wait(lambda: len(station.commands) == 2)
+    assert _acts(station) == [Act.STOP, Act.STOP]
+
+
 def test_zero_commands_confirm_stop_and_are_shown_as_such(page: "Page", station: FakeStation) -> None:
     station.robot(stop="confirmed", stop_after_s=0.0049, mode="FAULT", drives="none", is_zero=True)
     shows(page, "#stop-state", "Stop confirmed 4.9 ms after it reached the station: commands zero")
