@@ -37,16 +37,16 @@ export class GamepadStop {
     if (!isThere) {
       clearInterval(this._timer);
       this._timer = null;
-      this._held.clear();
     }
     this._look();
   }
 
   _look() {
-    for (const gamepad of gamepads()) {
-      const [before, after] = [this._held.get(gamepad.index), held(gamepad)];
-      this._held.set(gamepad.index, after);
-      const isPressed = [...after].some((index) => !before?.has(index));
+    // What a gamepad held that is gone is forgotten: the press that shows it again counts.
+    const before = this._held;
+    this._held = new Map(gamepads().map((gamepad) => [gamepad.index, held(gamepad)]));
+    for (const [gamepad, buttons] of this._held) {
+      const isPressed = [...buttons].some((button) => !before.get(gamepad)?.has(button));
       if (isPressed && !byId("station").hidden) this._press();
     }
   }

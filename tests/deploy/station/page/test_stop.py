@@ -117,6 +117,17 @@ def test_the_press_that_shows_a_gamepad_stops(page: "Page", station: FakeStation
     assert _acts(station) == [Act.STOP]
 
 
+def test_a_gamepad_that_was_gone_meanwhile_stops_again(page: "Page", station: FakeStation) -> None:
+    """Its batteries were empty while the button was held; another one is there all the time."""
+    page.evaluate(GAMEPAD, {"held": [False, False]})
+    page.evaluate("() => { window.pads.push({index: 1, mapping: 'standard', buttons: [{}, {pressed: true}]}); }")
+    station.wait(lambda: station.commands)
+    page.evaluate("() => { window.gone = window.pads.pop(); dispatchEvent(new Event('gamepaddisconnected')); }")
+    page.evaluate("() => { window.pads.push(window.gone); dispatchEvent(new Event('gamepadconnected')); }")
+    station.wait(lambda: len(station.commands) == 2)
+    assert _acts(station) == [Act.STOP, Act.STOP]
+
+
 def test_any_button_of_an_unknown_gamepad_stops(page: "Page", station: FakeStation) -> None:
     page.evaluate(GAMEPAD, {"mapping": "", "held": [False, False, False, True]})
     station.wait(lambda: station.commands)
