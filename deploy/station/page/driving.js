@@ -21,11 +21,13 @@ const PRESSED = "button, summary, input[type=checkbox], input[type=file]";
 /** Whether Space has a use of its own there: it types, or presses what has the focus. */
 export const takesSpace = (target) => isTextField(target) || (target instanceof Element && target.matches(PRESSED));
 
+/** Whether a pointer clicked; a keyboard's click, and a screen reader's, counts none. Not all browsers name the pointer. */
+export const isByPointer = ({ pointerType, detail }) => Boolean(pointerType) || detail > 0;
+
 /** What a pointer pressed keeps no focus: the next Space, hit in haste, is to stop, and not to press that again. */
 export function blurWhatIsClicked() {
   addEventListener("click", (event) => {
-    // A keyboard's click, and a screen reader's, has no pointer: there the focus stays.
-    if (!event.pointerType || !(event.target instanceof Element)) return;
+    if (!isByPointer(event) || !(event.target instanceof Element)) return; // there the focus stays
     const clicked = event.target.closest(`${PRESSED}, label`);
     const pressed = clicked?.control ?? clicked;
     if (!pressed?.matches(PRESSED)) return;

@@ -8,7 +8,7 @@
 // own: it types in a text field and presses the button that has the focus, which a click does not give to any.
 
 import { attribute, byId, text, visible } from "./dom.js";
-import { blurWhatIsClicked, takesSpace } from "./driving.js";
+import { blurWhatIsClicked, isByPointer, takesSpace } from "./driving.js";
 import { duration, milliseconds, timeOfDay } from "./format.js";
 import { actOf, marksOf, nameOf } from "./keys.js";
 import { titleOf } from "./robots.js";
@@ -157,7 +157,7 @@ function isStopKey(event) {
 
 function onPress(button, act) {
   button.addEventListener("pointerdown", act);
-  button.addEventListener("click", (event) => event.pointerType || act(event));
+  button.addEventListener("click", (event) => isByPointer(event) || act(event));
 }
 
 /** Who pressed it is told the time from there to the picture that confirms it; everybody else, the station's part of it. */

@@ -93,6 +93,22 @@ def test_space_stops_after_a_button_was_clicked(page: "Page", station: FakeStati
     assert _acts(station) == [Act.DISARM, Act.STOP]
 
 
+def test_a_browser_that_does_not_name_the_pointer_of_a_click_is_understood(page: "Page", station: FakeStation) -> None:
+    """A click is a PointerEvent in Firefox from 129 on; everywhere it counts the clicks, of a keyboard none."""
+    page.focus("[data-act=disarm]")
+    page.evaluate(
+        """() => { const click = () => new MouseEvent("click", {detail: 1, bubbles: true});
+        const [stop, disarm] = ["#stop", "[data-act=disarm]"].map((name) => document.querySelector(name));
+        stop.dispatchEvent(new PointerEvent("pointerdown", {bubbles: true}));
+        stop.dispatchEvent(click());
+        disarm.dispatchEvent(click()); }"""
+    )
+    station.wait(lambda: Act.DISARM in _acts(station))
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP, Act.DISARM]
+    assert page.evaluate("() => document.activeElement === document.body")
+
+
 def test_a_gamepads_button_stops_once_for_each_press(page: "Page", station: FakeStation) -> None:
     page.focus("[data-act=disarm]")
     page.evaluate(GAMEPAD, {"held": [True, False]})
