@@ -81,7 +81,8 @@ export class Plots {
     this._described = null;
     this._heldWords = "";
     this._buttons = SPANS.map(([spanS, label]) => ({ spanS, button: this._button(label, () => this._view.choose(spanS)) }));
-    this._pause = this._button("Pause", () => this._view.toggle(this._newestS));
+    // From what is drawn on: of a lost robot that has ended some time ago.
+    this._pause = this._button("Pause", () => this._view.toggle(this._history?.times.at(-1) ?? this._newestS));
     new ResizeObserver(() => this._fit()).observe(byId("plots"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this._plots?.forEach((plot) => plot.redraw()));
   }

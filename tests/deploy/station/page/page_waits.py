@@ -41,6 +41,15 @@ def gone(page: "Page", selector: str) -> None:
     )
 
 
+def drawn(page: "Page") -> None:
+    """Wait until the page has drawn all that it knows now: plots are drawn every 100 ms at most, by its own clock."""
+    page.evaluate(
+        """async () => {
+        await new Promise((done) => setTimeout(done, 300));
+        for (let frame = 0; frame < 2; frame += 1) await new Promise(requestAnimationFrame); }"""
+    )
+
+
 def press(page: "Page", act: str) -> None:
     """Click the button of a command, be it disabled: then it is to say why."""
     press_any(page, f"[data-act={act}]")

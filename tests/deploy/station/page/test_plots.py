@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import gone, load_again, shows, there
+from tests.deploy.station.page.page_waits import drawn, gone, load_again, shows, there
+from tests.deploy.station.page.robot_states import lost
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -131,7 +132,7 @@ def test_plots_that_are_paused_stand_still_and_go_on(page: "Page", station: Fake
     there(page, "#plots[data-newest] canvas")
     page.click("#plots-buttons button:text-is('Pause')")
     shows(page, "#plots-state", "paused")
-    station.wait_frames(4)
+    drawn(page)
     shown, title = page.evaluate(IMAGE), page.inner_text("#plots-title")
     assert re.match(r"\d\d:\d\d:\d\d to \d\d:\d\d:\d\d", title)
     station.robot(pitch=0.5)
@@ -141,6 +142,19 @@ def test_plots_that_are_paused_stand_still_and_go_on(page: "Page", station: Fake
     gone(page, "#plots-state")
     shows(page, "#plots-title", "Last 20 s")
     page.wait_for_function(f"(shown) => ({IMAGE})() !== shown", arg=shown)
+
+
+def test_plots_of_a_robot_that_was_lost_long_ago_can_be_paused(page: "Page", station: FakeStation) -> None:
+    there(page, "#plots[data-newest] canvas")
+    station.wait_seen(10)
+    station.robot(**lost())
+    shows(page, "#plots-state", "stopped")
+    station._time_s += 100.0
+    station.wait_seen(2)
+    page.click("#plots-buttons button:text-is('Pause')")
+    shows(page, "#plots-buttons", "Go on")
+    drawn(page)
+    assert any(page.evaluate(COLUMNS)), "what it did last stays in sight"
 
 
 def test_a_drag_shows_a_part_and_the_cursor_reads_values(page: "Page", station: FakeStation) -> None:
