@@ -95,6 +95,15 @@ export class Plots {
       if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History(LINES.flat().length, KEPT_S));
       this._histories.get(robot.robot).add(timeS, valuesOf(robot));
     }
+    this._forget(timeS, new Set(robots.map((robot) => robot.robot)));
+  }
+
+  /** Forget robots that are no longer in the picture, once nothing of them would be kept. */
+  _forget(timeS, names) {
+    for (const [name, { times }] of this._histories) {
+      const isOld = times.length === 0 || times.at(-1) < timeS - KEPT_S;
+      if (isOld && !names.has(name)) this._histories.delete(name);
+    }
   }
 
   draw({ robot, since, isLive }) {

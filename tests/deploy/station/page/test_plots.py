@@ -103,6 +103,21 @@ def test_what_was_before_comes_before_and_what_is_there_stays(page: "Page") -> N
     assert columns == [[7, 7.2, 8.5, 8.501, 10, 10.05], [3, None, 4, None, 1, 2]]
 
 
+def test_robots_that_are_no_longer_in_the_picture_are_forgotten_after_ten_minutes(page: "Page") -> None:
+    kept = page.evaluate(
+        """async () => {
+        const { Plots } = await import("/static/plots.js");
+        const plots = new Plots();
+        const robot = (name) => ({robot: name, is_alive: true, pitch: 0.1, linear_velocity: 1});
+        const add = (time_s, ...names) => {
+          plots.add({time_s, robots: names.map(robot)});
+          return plots._histories.size;
+        };
+        return [add(1, "/a", "/b"), add(1.05, "/b"), add(600, "/b"), add(602, "/b"), add(603)]; }"""
+    )
+    assert kept == [2, 2, 2, 1, 1]
+
+
 def _trace(station: FakeStation) -> dict[str, list[float | None]]:
     """What a station keeps of a robot that leant by 6 degrees from nine minutes to one minute ago."""
     count = 960
