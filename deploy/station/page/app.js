@@ -163,6 +163,8 @@ function drawDriving(seen) {
 
 function showLogin() {
   connection.close();
+  commands.lost();
+  stop.lost();
   showStation(false);
   login.show();
 }
