@@ -19,6 +19,7 @@ from segway_ecc.deploy.station.web.site_address import bind, site_address_of
 from segway_ecc.deploy.support.archive_files import LogFile
 from segway_ecc.node.errors import NobodyListensError
 from tests.deploy.station.web.scripted_station import ScriptedStation
+from tests.patience import PATIENCE_S
 
 HEARTBEAT_S = 0.05
 
@@ -128,7 +129,7 @@ async def browser(
 
 async def receive(socket: aiohttp.ClientWebSocketResponse, kind: str) -> dict[str, Any]:
     """The next message of a kind; of a picture the station is told that it arrived, as the page does."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(PATIENCE_S):
         while True:
             message = await socket.receive()
             assert message.type in {aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY}, message
@@ -142,7 +143,7 @@ async def receive(socket: aiohttp.ClientWebSocketResponse, kind: str) -> dict[st
 
 async def closed(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:
     """Why the other side closed: the code and the reason."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(PATIENCE_S):
         while True:
             message = await socket.receive()
             if message.type is aiohttp.WSMsgType.CLOSE:

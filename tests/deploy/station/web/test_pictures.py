@@ -16,6 +16,7 @@ from segway_ecc.deploy.station.web.pictures import Picture
 from tests.deploy.station.web.scripted_station import full_robot
 from tests.deploy.station.web.serving import Served, browser, command, receive, seen, served
 from tests.deploy.station.web.socket_helpers import asked, until
+from tests.patience import PATIENCE_S
 
 
 @contextlib.asynccontextmanager
@@ -41,7 +42,7 @@ async def _until_event(here: Served, socket: ClientWebSocketResponse) -> list[di
     """All that comes before an event that happens now; none of it is acknowledged."""
     here.station.happen("now")
     messages = []
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(PATIENCE_S):
         while True:
             messages.append(msgspec.json.decode(await socket.receive_str()))
             if messages[-1]["kind"] == "event":
@@ -120,7 +121,7 @@ def test_pictures_are_compressed_for_who_asks_for_it_and_nothing_else_is(tmp_pat
             here.station.happen("now")
             kinds: set[str] = set()
             while len(kinds) < 3:
-                message = await compressed.receive(10.0)
+                message = await compressed.receive(PATIENCE_S)
                 is_text = message.type is WSMsgType.TEXT
                 content = message.data if is_text else zlib.decompress(message.data)
                 kind = msgspec.json.decode(content)["kind"]

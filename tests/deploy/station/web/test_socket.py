@@ -16,6 +16,7 @@ from segway_ecc.deploy.station.web.site_address import tls_context
 from tests.deploy.station.web.scripted_station import full_robot
 from tests.deploy.station.web.serving import browser, closed, command, drive, receive, served
 from tests.deploy.station.web.socket_helpers import asked, until
+from tests.patience import PATIENCE_S
 
 Tried = Callable[[str, str], None]
 OPERATOR, VIEWER = Role.OPERATOR, Role.VIEWER
@@ -261,7 +262,7 @@ def test_inside_tls(tmp_path: Path, certificate: Path, tried: Tried) -> None:
                 assert (await receive(socket, "hello"))["who"] == "ann"
             reader, writer = await asyncio.open_connection("127.0.0.1", here.port)
             writer.write(b"GET / HTTP/1.1\r\n\r\n")
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(PATIENCE_S):
                 assert not (await reader.read()).startswith(b"HTTP")
             writer.transport.abort()
             await until(lambda: here.refused() == {"bad HTTP": 1})
