@@ -53,7 +53,6 @@ class Script:
         robots: What is reported, by namespace.
         sends: Whether pictures are sent at all.
         ticks: Whether their time goes on.
-        late_s: How long they were on the way, s.
         accepts: Whether a socket is taken.
         token: What /login wants; empty for none.
         hello: Said first on each socket.
@@ -66,7 +65,6 @@ class Script:
     robots: dict[str, RobotView] = dataclasses.field(default_factory=dict)
     sends: bool = True
     ticks: bool = True
-    late_s: float = 0.0
     accepts: bool = True
     token: str = ""
     hello: HelloView = HELLO
@@ -98,6 +96,7 @@ class FakeStation:
         self.sockets = 0
         self.frames = 0
         self._time_s = 1000.0
+        self._late_s = 0.0
         self._ticked_s = time.monotonic()
         self._taken = 0
         self._was_taken = asyncio.Event()
@@ -126,6 +125,10 @@ class FakeStation:
         self.script.events.append(event)
         self._call(self._send(event))
 
+    def delay(self, late_s: float) -> None:
+        """Have each picture that follows be on the way for so long, s; the next is no older than the last for that."""
+        self._call(self._delay(late_s))
+
     def limit_age(self, fresh_s: float) -> None:
         """Say anew how old a picture may be, s."""
         self.script.hello = msgspec.structs.replace(self.script.hello, fresh_s=fresh_s)
@@ -150,6 +153,11 @@ class FakeStation:
     def cut(self) -> None:
         """Close every socket."""
         self._call(self._cut())
+
+    def reconnect(self) -> None:
+        """Close every socket, and wait until the page has another."""
+        before = self._call(self._cut())
+        self.wait(lambda: self.sockets > before)
 
     def close(self) -> None:
         """End the server and its thread."""
@@ -215,9 +223,16 @@ class FakeStation:
                 connection.transport.abort()
         await self._runner.cleanup()
 
-    async def _cut(self) -> None:
+    async def _cut(self) -> int:
+        """Close every socket; how many there were until then."""
+        count = self.sockets
         for socket in list(self._open):
             await socket.close()
+        return count
+
+    async def _delay(self, late_s: float) -> None:
+        self._time_s += late_s - self._late_s
+        self._late_s = late_s
 
     def _now_s(self) -> float:
         """The station's clock, s; it stands where nothing ticks."""
@@ -247,7 +262,7 @@ class FakeStation:
             self._time_s += _FRAME_S if self.script.ticks else 0.0
             self._ticked_s = time.monotonic()
             if self.script.sends:
-                made_s = self._time_s - self.script.late_s
+                made_s = self._time_s - self._late_s
                 self.sent.append(made_s)
                 for unseen in self._open.values():
                     unseen.append((len(self.sent), made_s))
@@ -305,10 +320,10 @@ class FakeStation:
             return web.Response(status=403)
         socket = web.WebSocketResponse()
         await socket.prepare(request)
-        self.sockets += 1
         for view in (self.script.hello, *self.script.events):
             await socket.send_str(msgspec.json.encode(view).decode())
         self._open[socket] = deque()
+        self.sockets += 1
         if request.query.get("pictures") == "deflate":
             self._inflating.add(socket)
         try:

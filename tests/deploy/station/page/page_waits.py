@@ -26,6 +26,15 @@ def shows(page: "Page", selector: str, text: str) -> None:
     )
 
 
+def shows_like(page: "Page", selector: str, pattern: str) -> None:
+    """Wait until an element that can be seen holds what a pattern describes: an age grows while a machine stalls."""
+    page.wait_for_function(
+        """([selector, pattern]) => [...document.querySelectorAll(selector)].some(
+            (element) => element.checkVisibility() && new RegExp(pattern).test(element.innerText))""",
+        arg=[selector, pattern],
+    )
+
+
 def tells(page: "Page", selector: str, text: str) -> None:
     """Wait until an element holds a text, be it only for a screen reader."""
     page.wait_for_function(

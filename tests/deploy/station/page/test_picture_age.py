@@ -20,14 +20,14 @@ def test_each_picture_is_acknowledged_by_its_time(page: "Page", station: FakeSta
     there(page, "body[data-fresh=true]")
     begun = len(station.seen)
     station.wait(lambda: len(station.seen) >= begun + 10)
-    seen = list(station.seen)
+    seen = station.seen[begun:]
     first = station.sent.index(seen[0])
     assert seen == station.sent[first : first + len(seen)]
 
 
 def test_the_age_includes_the_way(page: "Page", station: FakeStation) -> None:
     page.wait_for_function(f"() => ({SHOWN_AGE})() < 2000")
-    station.script.late_s = 2.0
+    station.delay(2.0)
     page.wait_for_function(f"() => ({SHOWN_AGE})() >= 2000")
     assert page.get_attribute("body", "data-fresh") == "true", "it may be so old by what the station says"
 
@@ -35,8 +35,10 @@ def test_the_age_includes_the_way(page: "Page", station: FakeStation) -> None:
 def test_pictures_that_come_late_are_no_present(page: "Page", station: FakeStation) -> None:
     page.keyboard.down("ArrowUp")
     shows(page, "#drive-now", "Requesting")
-    station.script.late_s = 1.5
-    station.limit_age(1.0)
+    before = station.sockets
+    station.delay(15.0)
+    page.wait_for_function(f"() => ({SHOWN_AGE})() >= 15000")
+    station.limit_age(10.0)
     shows(page, "#stale", "Slow connection to the base station")
     shows(page, "#stale", "s old, of ")
     tells(page, "#alarm", "connection to the base station")
@@ -44,8 +46,8 @@ def test_pictures_that_come_late_are_no_present(page: "Page", station: FakeStati
     shows(page, "#drive-now", "Not driving")
     shows(page, "#commands-reason", "Slow connection to the base station")
     gone(page, "#picture-age")
-    assert station.sockets == 1
-    station.script.late_s = 0.0
+    assert station.sockets == before
+    station.delay(0.0)
     station.go_on()
     there(page, "body[data-fresh=true]")
     gone(page, "#stale")

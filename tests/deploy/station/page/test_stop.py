@@ -368,8 +368,7 @@ def test_stop_that_the_station_keeps_is_not_sent_again(page: "Page", station: Fa
     station.robot(stop="requested", stop_kept=True)
     shows(page, "#stop-state", "Stop requested")
     station.wait_seen(4)
-    station.cut()
-    station.wait(lambda: station.sockets == 2)
+    station.reconnect()
     there(page, "body[data-fresh=true]")
     station.wait_seen(30)
     assert _acts(station) == [Act.STOP]
