@@ -25,8 +25,9 @@ const MORE = [
   ["Heading, \u00b0", (r) => figure(degrees(r.heading), 0)],
 ];
 
+/** Whether its motors are live, which nobody knows of a robot that is lost. */
 function drives(robot) {
-  if (!robot.drives) return DASH;
+  if (!robot.is_alive || !robot.drives) return DASH;
   return robot.is_zero ? `${robot.drives}, zero` : robot.drives;
 }
 

@@ -88,6 +88,7 @@ def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", stati
     station.robot(age_s=65.0)
     shows_like(page, "#reason", r"^No message for 1 min \d+ s, since ")
     assert _figures(page)["Tilt, °"] == "\u2013"
+    assert _figures(page)["Drives"] == "\u2013", "nobody knows whether its motors are live"
     shows(page, "#plots-state", "stopped")
     assert page.get_attribute("#plots", "data-live") == "false"
     shows(page, "#summary", "2 robots \u00b7 1 lost")
