@@ -109,6 +109,27 @@ def test_a_browser_that_does_not_name_the_pointer_of_a_click_is_understood(page:
     assert page.evaluate("() => document.activeElement === document.body")
 
 
+@pytest.mark.variants(1)
+@pytest.mark.parametrize(("width", "height"), [(740, 360), (360, 740), (1000, 600), (1280, 800)])
+def test_stop_stays_where_it_was_pressed(page: "Page", station: FakeStation, width: int, height: int) -> None:
+    """A second press in haste hits STOP again, and not what clears it."""
+    page.set_viewport_size({"width": width, "height": height})
+    station.robot("/bob", **armed(name="Bob"))
+    there(page, "#stop-all")
+    box = page.locator("#stop").bounding_box()
+    assert box is not None
+    page.keyboard.press("Escape")
+    station.robot(stop="confirmed", stop_after_s=0.0123, mode="FAULT", drives="off", posture="FALLEN")
+    there(page, "#stop-clear")
+    shows(page, "#stop-state", "Stop confirmed after")
+    hit = page.evaluate(
+        """({x, y, width, height}) => [0.1, 0.5, 0.9].map(
+            (share) => document.elementFromPoint(x + share * width, y + height / 2).closest("button").id)""",
+        box,
+    )
+    assert hit == ["stop", "stop", "stop"]
+
+
 def test_a_gamepads_button_stops_once_for_each_press(page: "Page", station: FakeStation) -> None:
     page.focus("[data-act=disarm]")
     page.evaluate(GAMEPAD, {"held": [True, False]})
