@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The main states at both sizes and in both themes; nothing hangs over the edge, and nothing is too small to hit."""
+"""The main states at each size and in both themes; nothing hangs over the edge, and nothing is too small to hit."""
 
 import math
 from pathlib import Path
@@ -18,13 +18,20 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.browser
 
-SIZES = {"phone": (360, 740), "desktop": (1280, 800)}
+SIZES = {"phone": (360, 740), "landscape": (740, 360), "desktop": (1280, 800)}
+OFF: dict[str, object] = {"drives": "off", "posture": "RESTING"}
+"""A robot that has no torque balances nowhere."""
 STATES: dict[str, dict[str, object]] = {
     "armed": armed(),
-    "disarmed": armed(mode="DISARMED", reason="just started", drives="off", controller="", checklist=dict(CHECKS)),
+    "disarmed": armed(**OFF, mode="DISARMED", reason="just started", controller="", checklist=dict(CHECKS)),
     "hold": armed(mode="HOLD", reason="set-points fell silent"),
     "stopped": armed(
-        mode="FAULT", reason="stopped by ann", drives="off", is_zero=True, stop="confirmed", stop_after_s=0.0123
+        **OFF | {"posture": "FALLEN"},
+        mode="FAULT",
+        reason="stopped by ann",
+        is_zero=True,
+        stop="confirmed",
+        stop_after_s=0.0123,
     ),
     "lost": lost(),
     "sequence": armed(sequence=SequenceView(name="figure eight", fraction=0.42, state="running")),
@@ -33,9 +40,10 @@ STATES: dict[str, dict[str, object]] = {
 
 def _fill(station: FakeStation, state: dict[str, object]) -> None:
     station.robot("/alice", **state)
-    station.robot("/bob", **armed(name="Bob", mode="DISARMED", controller="", drives="off"))
+    station.robot("/bob", **armed(**OFF, name="Bob", mode="DISARMED", controller=""))
     station.robot("/carol", **lost() | {"name": "Carol", "age_s": 74.0})
-    station.robot("/dave", **armed(name="Dave", mode="FAULT", reason="tilt beyond the limit", controller="bert"))
+    fallen = OFF | {"posture": "FALLEN", "mode": "FAULT", "reason": "tilt beyond the limit"}
+    station.robot("/dave", **armed(**fallen, name="Dave", controller="bert"))
     for number, (text, level) in enumerate(
         [
             ("found", "info"),
