@@ -79,6 +79,7 @@ export class Plots {
     this._drawnMs = 0;
     this._drawn = null;
     this._described = null;
+    this._labelled = null;
     this._heldWords = "";
     this._buttons = SPANS.map(([spanS, label]) => ({ spanS, button: this._button(label, () => this._view.choose(spanS)) }));
     // From what is drawn on: of a lost robot that has ended some time ago.
@@ -119,6 +120,9 @@ export class Plots {
     this._drawnMs = nowMs;
     this._drawn = shown;
     this._show(history);
+    // The same time has other labels once it is held: a plot of the same range keeps them by itself.
+    if (held !== this._labelled) this._plots.forEach((plot) => plot.redraw(true, true));
+    this._labelled = held;
     if (!this._asked.has(history)) void this._loadPast(robot.robot, history);
   }
 

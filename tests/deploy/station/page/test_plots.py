@@ -159,6 +159,19 @@ def test_plots_that_are_paused_stand_still_and_go_on(page: "Page", station: Fake
     page.wait_for_function(f"(shown) => ({IMAGE})() !== shown", arg=shown)
 
 
+def test_plots_that_have_stopped_have_the_time_of_day_where_they_are_paused(page: "Page", station: FakeStation) -> None:
+    """Paused, "0" would be a wrong label soon: it is the moment of what came last, and no longer of now."""
+    there(page, "#plots[data-newest] canvas")
+    station.fall_silent()
+    there(page, "#plots[data-live=false]")
+    drawn(page)
+    before = page.evaluate(IMAGE)
+    page.click("#plots-buttons button:text-is('Pause')")
+    page.wait_for_function(f"(before) => ({IMAGE})() !== before", arg=before)
+    page.click("#plots-buttons button:text-is('Go on')")
+    page.wait_for_function(f"(before) => ({IMAGE})() === before", arg=before)
+
+
 def test_plots_of_a_robot_that_was_lost_long_ago_can_be_paused(page: "Page", station: FakeStation) -> None:
     there(page, "#plots[data-newest] canvas")
     station.wait_seen(10)
