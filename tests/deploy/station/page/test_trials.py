@@ -47,6 +47,8 @@ def test_one_at_a_time(page: "Page", station: FakeStation) -> None:
     there(page, "[data-trial=recover][aria-disabled=true]")
     press_any(page, "[data-trial=recover]")
     shows(page, "#command-failure", "Bring it back: Wait for what the last one led to")
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
     assert [command.name for command in station.commands] == ["cut"]
 
 
