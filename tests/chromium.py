@@ -5,10 +5,16 @@ import contextlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+from tests.patience import PATIENCE_S
+
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-OPTIONS: Final[dict[str, Any]] = {"executable_path": "/usr/bin/chromium", "args": ["--no-sandbox"]}
+OPTIONS: Final[dict[str, Any]] = {
+    "executable_path": "/usr/bin/chromium",
+    "args": ["--no-sandbox"],
+    "timeout": PATIENCE_S * 1e3,
+}
 """With which it is launched."""
 
 

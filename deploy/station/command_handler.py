@@ -27,7 +27,7 @@ _SERVICES: Final = {
     Act.STAND: Action.STAND_UP,
     Act.SIT: Action.SIT_DOWN,
 }
-_OURS: Final = frozenset({Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, Act.CLEAR_FAULT})
+_OURS: Final = frozenset({Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, Act.CLEAR_FAULT, Act.DISMISS})
 """What the station carries out, at least in part, even where the robot is lost or its stop is not confirmed."""
 
 
@@ -137,8 +137,9 @@ class CommandHandler:
             if self.control.of(name) and self._beats.is_introduction_due(name, now_ns):
                 tasks.connection.introduce(self._beats.name)
             tasks.step(now_ns)
-            if tasks.playback is not None:
-                self._continue_sequence(self.fleet.robots[name], tasks, tasks.playback, now_ns)
+            robot = self.fleet.robots.get(name)  # none where it was dismissed: it goes on once it is found again
+            if tasks.playback is not None and robot is not None:
+                self._continue_sequence(robot, tasks, tasks.playback, now_ns)
         for name, ran_out in self._dead_man.zeros_due(now_ns):
             self._tasks[name].connection.drive(REST)
             if ran_out:
@@ -236,7 +237,8 @@ class CommandHandler:
         if act in {Act.STAND, Act.SIT} and not robot.mode.can_stand:
             return "cannot stand", "this robot cannot stand up or sit down by command"
         refusal = self.control.refusal(robot.robot, submitted.who, act)
-        return None if refusal is None else ("control", refusal)
+        why = None if refusal is None else ("control", refusal)
+        return _dismissal_refusal(robot, tasks) if why is None and act is Act.DISMISS else why
 
     def _drive_refusal(self, who: str, name: str, wanted: Setpoint | None) -> str | None:
         robot, tasks = self.fleet.robots.get(name), self._tasks.get(name)
@@ -265,6 +267,11 @@ class CommandHandler:
                     self._bring_to_rest(name, f"{who} gave up control", now_ns)
                     self.control.release(name, who)
                 reply(had, "nobody has control now" if had else "you did not have control")
+            case Act.DISMISS:
+                self._bring_to_rest(name, f"{who} dismissed the robot", now_ns)
+                self.control.release(name, who)
+                self.fleet.dismiss(name)
+                reply(True, "dismissed; it is shown again as soon as it is heard")  # noqa: FBT003
             case Act.BREAK_OFF:
                 is_over = tasks.break_off(f"{who} broke it off", now_ns)
                 reply(is_over, "broken off" if is_over else "nothing is being played")
@@ -336,3 +343,12 @@ class CommandHandler:
             submitted.reply(accepted, text)
 
         return reply
+
+
+def _dismissal_refusal(robot: Robot, tasks: RobotTasks) -> tuple[str, str] | None:
+    """The cause and the text of why a robot is to stay in sight."""
+    if robot.is_alive:
+        return "not lost", "the robot is not lost: only one that is can be dismissed"
+    if tasks.stop.state is StopState.REQUESTED:
+        return "stopped", "its stop is not confirmed: it is sent until it is, or until you clear it"
+    return None

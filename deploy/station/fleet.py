@@ -188,7 +188,7 @@ class Robot:
 
 
 class Fleet:
-    """Every robot that was ever received, by namespace."""
+    """Every robot that was ever received and not dismissed, by namespace."""
 
     def __init__(self, events: EventLog) -> None:
         """Begin with none; log changes of mode to `events`."""
@@ -230,6 +230,10 @@ class Fleet:
                 "more than one node publishes mode here: what is shown may be another's, and no stop is confirmed by it"
             )
             self._events.add(robot.robot, text, level="error")
+
+    def dismiss(self, name: str) -> None:
+        """Forget a robot until it is received again, as one that was never found."""
+        self.robots.pop(name, None)
 
     def mark_lost(self, now_ns: int) -> None:
         """Mark the robots of which nothing arrives any more as lost."""

@@ -24,6 +24,8 @@ class Act(enum.StrEnum):
     TAKE_CONTROL = "take_control"
     """Become the one who commands, in place of whoever does."""
     RELEASE_CONTROL = "release_control"
+    DISMISS = "dismiss"
+    """Forget a robot that is lost; it is found again as soon as it is heard."""
     PLAY = "play"
     """Play a sequence, whose text is the command's `text`."""
     BREAK_OFF = "break_off"
@@ -109,7 +111,7 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="fleet"):
-    """Every robot that was found since the station began, or that is to be stopped when it is; by namespace.
+    """Every robot that was found and not dismissed since the station began, or that is to be stopped; by namespace.
 
     `time_s` is the station's monotonic clock, s: a picture whose time does not advance is stale.
     """
@@ -163,6 +165,18 @@ class ReplyView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     text: str
 
 
+class SeenView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="seen"):
+    """When the page's word that it has a picture arrived: by then the page had it, which bounds how old it was.
+
+    Attributes:
+        time_s: Of the picture, as in `FleetView`.
+        at_s: When the page's message arrived, by the same clock, s.
+    """
+
+    time_s: float
+    at_s: float
+
+
 class TrialView(msgspec.Struct, frozen=True, kw_only=True):
     """Something that can be done to a simulated robot, to see what its safety does.
 
@@ -186,6 +200,7 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
         drive_period_s: How often a driving browser is to send, s.
         max_linear: The fastest that the page may request, m/s.
         max_angular: The same for turning, rad/s.
+        fresh_s: A picture that is older is too old to act on, s.
         trials: What can be done to the robot; nothing to a real one.
     """
 
@@ -195,7 +210,20 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     drive_period_s: float
     max_linear: float
     max_angular: float
+    fresh_s: float
     trials: Sequence[TrialView] = ()
+
+
+class Seen(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="seen", forbid_unknown_fields=True):
+    """The page has a picture, and all before it: the station sends the next one when it knows.
+
+    It has no id: sent again, or for a picture that was never sent, it changes nothing.
+
+    Attributes:
+        time_s: Of the picture, as in `FleetView`.
+    """
+
+    time_s: float
 
 
 class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="command", forbid_unknown_fields=True):

@@ -27,9 +27,11 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
+
+from segway_ecc.node.recording.log_name import robot_of_log
 
 MOST_LOGS: Final = 1000
 LONGEST_NAME: Final = 200
@@ -65,25 +67,35 @@ def is_plain_name(name: str) -> bool:
     return bool(name) and not name.startswith(".") and "/" not in name and "\0" not in name
 
 
-def logs_in(folder: Path) -> list[LogFile]:
-    """The logs of a folder, newest first: regular files only; links and hidden files are none."""
+def is_of_one_of(name: str, robots: Collection[str] | None) -> bool:
+    """Whether a log may be one of these robots', or of any for None: its name is not that of another's run."""
+    robot = None if robots is None else robot_of_log(name)
+    return robot is None or robots is None or robot in robots
+
+
+def logs_in(folder: Path, robots: Collection[str] | None = None) -> list[LogFile]:
+    """The logs of a folder, newest first: regular files only; links and hidden files are none.
+
+    With the names of `robots` without those of others' runs, see `is_of_one_of`.
+    """
     found = []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                if not entry.name.startswith(".") and entry.is_file(follow_symlinks=False):
+                is_ours = not entry.name.startswith(".") and is_of_one_of(entry.name, robots)
+                if is_ours and entry.is_file(follow_symlinks=False):
                     status = entry.stat(follow_symlinks=False)
                     found.append(LogFile(entry.name, status.st_size, status.st_mtime_ns))
     return sorted(found, key=lambda log: (-log.changed_ns, log.name))[:MOST_LOGS]
 
 
-def open_log(folder: Path, name: str) -> tuple[int, int]:
-    """A log's file descriptor, which is the caller's to close, and its size in bytes.
+def open_log(folder: Path, name: str, robots: Collection[str] | None = None) -> tuple[int, int]:
+    """A log's file descriptor, which is the caller's to close, and its size in bytes; `robots` as for `logs_in`.
 
     Raises:
-        FileNotFoundError: There is no such log: it is a link, no file, hidden, or in another folder.
+        FileNotFoundError: There is no such log: it is a link, no file, hidden, in another folder, or another robot's.
     """
-    if not is_plain_name(name):
+    if not is_plain_name(name) or not is_of_one_of(name, robots):
         raise FileNotFoundError
     try:
         place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)

@@ -8,7 +8,7 @@ import os
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -94,12 +94,22 @@ class FileStore:
     """The logs of a folder and the newest support bundle, as parameters."""
 
     def __init__(
-        self, logs: Path, work: Path, make: MakeBundle, clock_ns: Callable[[], int] = time.monotonic_ns
+        self,
+        logs: Path,
+        work: Path,
+        make: MakeBundle,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        *,
+        robots: Collection[str] | None = None,
     ) -> None:
-        """Hand out the logs of one folder, and from another, which is ours, the newest bundle that was made."""
+        """Hand out the logs of one folder, and from another, which is ours, the newest bundle that was made.
+
+        `robots` are the names of those whose logs are handed out, or None for any.
+        """
         self._logs = logs
         self._work = work
         self._make = make
+        self._robots = robots
         self._clock_ns = clock_ns
         self._worker = Worker()
         self._is_wanted = False
@@ -108,7 +118,7 @@ class FileStore:
     def answer(self, name: str) -> Value:
         """The value of a parameter; None where there is no such thing."""
         if name == LOGS:
-            return listing_of(logs_in(self._logs))
+            return listing_of(logs_in(self._logs, self._robots))
         if name in {BUNDLE, MAKE}:
             return self._bundle(is_wanted=name == MAKE)
         request = file_request_of(name)
@@ -123,7 +133,10 @@ class FileStore:
         if request.kind == BUNDLE and (last is None or last.name != request.name):
             return None
         try:
-            file, size = open_log(self._work if request.kind == BUNDLE else self._logs, request.name)
+            if request.kind == BUNDLE:
+                file, size = open_log(self._work, request.name)
+            else:
+                file, size = open_log(self._logs, request.name, self._robots)
         except FileNotFoundError:
             return None
         try:

@@ -10,7 +10,7 @@ import platform
 import resource
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -136,11 +136,14 @@ def journal() -> Collected:
     return Collected(files, list(dict.fromkeys(missing)))
 
 
-def newest_logs(folder: Path, count: int, most_bytes: int) -> Collected:
-    """The newest logs of a folder, at most `count` and together `most_bytes`; what does not fit is named."""
+def newest_logs(folder: Path, count: int, most_bytes: int, robots: Collection[str] | None = None) -> Collected:
+    """The newest logs of a folder, at most `count` and together `most_bytes`; what does not fit is named.
+
+    They are of `robots`, by name, or of any for None.
+    """
     files: dict[str, Content] = {}
     missing, left = [], most_bytes
-    logs = logs_in(folder)
+    logs = logs_in(folder, robots)
     for log in logs[:count]:
         if log.size > left:
             size, rest = log.size / _MIB, left / _MIB
@@ -182,6 +185,7 @@ class BundleOptions(NamedTuple):
         logs: The folder of logs.
         log_count: How many of them, newest first.
         most_bytes: Of logs, together.
+        logs_of: The names of the robots whose logs they are, or None for any.
         robot: The text of the robot file, or None where there is none.
         station: A station's folder, or None where there is none.
         robots: Collects the state of the robots on the ROS network, or None to leave it out.
@@ -190,6 +194,7 @@ class BundleOptions(NamedTuple):
     logs: Path
     log_count: int = 1
     most_bytes: int = _MOST_LOG_BYTES
+    logs_of: Collection[str] | None = None
     robot: str | None = None
     station: Path | None = None
     robots: Callable[[], Collected] | None = None
@@ -208,7 +213,7 @@ def machine_parts(options: BundleOptions) -> Parts:
         "messages": journal,
         "robots": options.robots,
         "audit log": None if station is None else functools.partial(audit_log, station),
-        "logs": functools.partial(newest_logs, logs, options.log_count, options.most_bytes),
+        "logs": functools.partial(newest_logs, logs, options.log_count, options.most_bytes, options.logs_of),
     }
     if not options.log_count:
         del parts["logs"]

@@ -53,7 +53,11 @@ def run(options: argparse.Namespace) -> int:
     with contextlib.suppress(OSError):
         os.nice(_NICENESS)
     content = BundleOptions(
-        folder, most_bytes=_MOST_LOG_BYTES, robot=text, robots=partial(robots, options.ros_arguments)
+        folder,
+        most_bytes=_MOST_LOG_BYTES,
+        logs_of=(name,),
+        robot=text,
+        robots=partial(robots, options.ros_arguments),
     )
 
     def make_bundle(place: Path) -> Path:
@@ -69,9 +73,10 @@ def run(options: argparse.Namespace) -> int:
         stopped_by_signals(ended.append),
         ros_node(NODE, options.namespace, options.ros_arguments) as node,
     ):
-        file_store = FileStore(folder, Path(work), make_bundle)
+        file_store = FileStore(folder, Path(work), make_bundle, robots=(name,))
         server = ArchiveServer(node, file_store.answer, options.rate * _MEGABYTE)
-        _logger.info("handing out %s as %s, at most %g MB/s", folder, node.get_fully_qualified_name(), options.rate)
+        place = node.get_fully_qualified_name()
+        _logger.info("handing out logs of '%s' in %s as %s, at most %g MB/s", name, folder, place, options.rate)
         server.run(lambda: bool(ended))
         file_store.close()
     return 0

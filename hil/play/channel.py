@@ -14,46 +14,71 @@ from typing import Final
 
 import msgspec
 
+from segway_ecc.hil.play.keys import KEYS
+
 
 @enum.unique
 class Key(enum.StrEnum):
-    """What a person presses; the values travel from the terminal's process to the loop's."""
+    """What a person presses, by the acts of `KEYS`; the values travel from the terminal's process to the loop's."""
 
-    UP = "U"
-    DOWN = "D"
-    LEFT = "L"
-    RIGHT = "R"
-    REST = " "
-    ARM = "a"
-    DISARM = "d"
-    STOP = "s"
-    CLEAR_FAULT = "c"
-    STAND = "u"
-    PUSH = "p"
-    BREAK_BUS = "b"
-    QUIT = "q"
+    UP = "ahead"
+    DOWN = "back"
+    LEFT = "left"
+    RIGHT = "right"
+    REST = "rest"
+    STOP = "stop"
+    ARM = "arm"
+    DISARM = "disarm"
+    CLEAR_FAULT = "clear_fault"
+    STAND = "stand"
+    SIT = "sit"
+    PUSH = "push"
+    CUT = "cut"
+    REPAIR = "recover"
+    QUIT = "quit"
     ALIVE = "."
     """No key: the terminal is still alive."""
 
 
+ACTS: Final = frozenset(key.value for key in Key)
+"""What a terminal can ask for; the table has more, for the page."""
+_SENT: Final = {
+    "ArrowUp": (b"\x1b[A", b"\x1bOA"),
+    "ArrowDown": (b"\x1b[B", b"\x1bOB"),
+    "ArrowRight": (b"\x1b[C", b"\x1bOC"),
+    "ArrowLeft": (b"\x1b[D", b"\x1bOD"),
+    "Escape": (b"\x1b",),
+    "Space": (b" ",),
+}
+"""Keys that are no letters, as ECMA-48 and as a terminal in application mode sends them."""
 _SEQUENCES: Final = {
-    **{b"\x1b[" + letter: key for letter, key in zip((b"A", b"B", b"C", b"D"), "UDRL", strict=True)},
-    **{b"\x1bO" + letter: key for letter, key in zip((b"A", b"B", b"C", b"D"), "UDRL", strict=True)},
-    **{key.encode(): key for key in " adscupbq"},
+    **{
+        sent: Key(binding.act)
+        for binding in KEYS
+        if binding.act in ACTS
+        for name in binding.keys
+        for sent in _SENT.get(name, (name.encode(),))
+    },
     b"\x03": Key.QUIT,
     b"\x04": Key.QUIT,
 }
-"""Cursor keys as ECMA-48 and as a terminal in application mode sends them; Ctrl-C and Ctrl-D leave."""
+"""Ctrl-C and Ctrl-D leave, too."""
 _WORD: Final = re.compile(rb"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO.|.", re.DOTALL)
 """A control sequence (ECMA-48, 5.4), a cursor key in application mode, or a byte."""
+_BEGUN: Final = re.compile(rb"\x1b(\[[0-?]*[ -/]*|O)?\Z")
+
+
+def is_begun(data: bytes) -> bool:
+    """Whether it ends as a sequence begins: with the escape key, or with the first half of another key."""
+    return _BEGUN.search(data) is not None
 
 
 def keys_in(data: bytes) -> list[Key]:
     """The keys in what was read from a terminal at once; what is no key is passed over.
 
-    Nothing is kept for the next read: an escape key before the stop key must not take it for a part of a sequence.
+    Nothing is kept for the next read: an escape that nothing follows is the key that stops.
     """
-    return [Key(_SEQUENCES[word]) for word in _WORD.findall(data) if word in _SEQUENCES]
+    return [_SEQUENCES[word] for word in _WORD.findall(data) if word in _SEQUENCES]
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,7 +15,6 @@ from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
-from segway_ecc.node.safety.posture import UP
 
 LINEAR_STEP: Final = 0.1
 ANGULAR_STEP: Final = 0.2
@@ -74,10 +73,13 @@ class PlantControls:
         if self.can_be_pushed and self._send(f"write {FORCE} {PUSH_N}"):
             self._left = self._push_cycles
 
-    def toggle_bus(self) -> None:
-        """Cut the bus; or restore it, where it was cut."""
-        if self._send("heal" if self.is_bus_broken else "cut"):
-            self.is_bus_broken = not self.is_bus_broken
+    def cut_bus(self) -> None:
+        """Cut the bus, where it is whole."""
+        self.is_bus_broken = self.is_bus_broken or self._send("cut")
+
+    def repair_bus(self) -> None:
+        """Restore the bus, where it was cut."""
+        self.is_bus_broken = self.is_bus_broken and not self._send("heal")
 
     def work(self) -> None:
         """End a push whose time is over."""
@@ -114,7 +116,6 @@ class PlayStage:
         self.modes = modes
         self._signals = list(robot.wiring.published)
         self._has_posture = robot.file.safety is not None and robot.file.safety.posture is not None
-        self._is_up = False
         self._has_pitch = any(v.name == PITCH for v in robot.model.outputs)
         self._show_every = max(round(_SHOW_EVERY_S * 1e9 / robot.period_ns), 1)
         self._cycles = 0
@@ -150,7 +151,6 @@ class PlayStage:
             self._wanted = self._in_force = REST  # arming again never jumps
         elif report.applied is not None:
             self._in_force = report.applied.setpoint
-        self._is_up = report.posture in UP
         if self._cycles % self._show_every == 0:
             self._terminal.show(self._snapshot(report))
         self._cycles += 1
@@ -182,13 +182,15 @@ class PlayStage:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
             case Key.ALIVE if self._is_driving and self._wanted != REST:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
-            case Key.STAND if self._has_posture:
-                action = Action.SIT_DOWN if self._is_up else Action.STAND_UP
+            case Key.STAND | Key.SIT if self._has_posture:
+                action = Action.STAND_UP if key is Key.STAND else Action.SIT_DOWN
                 inbox.requests.append(Request(action, self._log_answer))
             case Key.PUSH:
                 self._rig.push()
-            case Key.BREAK_BUS:
-                self._rig.toggle_bus()
+            case Key.CUT:
+                self._rig.cut_bus()
+            case Key.REPAIR:
+                self._rig.repair_bus()
             case Key.QUIT if self._over is not None:  # at once, wherever it is on its way down
                 inbox.requests.append(Request(Action.DISARM, self._log_answer))
             case Key.QUIT:

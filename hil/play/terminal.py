@@ -22,11 +22,16 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from segway_ecc.hil.play.channel import Key, Snapshot, TerminalEnd, keys_in
+from segway_ecc.hil.play.channel import ACTS, Key, Snapshot, TerminalEnd, is_begun, keys_in
+from segway_ecc.hil.play.keys import KEYS
 
 _DRAW_EVERY_S: Final = 0.1
+_REST_WITHIN_S: Final = 0.05
+"""The second half of a key, as over a slow line; the escape key alone waits for as long."""
+_MOST_BYTES: Final = 1024
 _COLOURS = {"ARMED": "bold green", "HOLD": "bold yellow", "FAULT": "bold red", "DISARMED": "bold"}
-_KEYS = "arrows drive   space rest   a arm   d disarm   s STOP   c clear fault"
+_MARKS: Final = {"ArrowUp": "up", "ArrowDown": "down", "ArrowLeft": "left", "ArrowRight": "right", "Escape": "Esc"}
+_IN_FIRST_LINE: Final = frozenset({"ahead", "back", "left", "right", "rest", "stop"})
 
 
 @contextlib.contextmanager
@@ -49,14 +54,24 @@ def serve(end: TerminalEnd, descriptor: int, console: Console) -> None:
     with raw(descriptor), Live(console=console, screen=True, auto_refresh=False) as live:
         while not end.is_gone:
             if select.select([descriptor], [], [], _DRAW_EVERY_S)[0]:
-                data = os.read(descriptor, 1024)
-                if not data:
+                keys = pressed(descriptor)
+                if keys is None:
                     return
-                for key in keys_in(data):
+                for key in keys:
                     end.press(key)
             end.press(Key.ALIVE)
             newest = end.newest() or newest
             live.update(picture(newest), refresh=True)
+
+
+def pressed(descriptor: int) -> list[Key] | None:
+    """The keys that a terminal has to be read; None where it is gone."""
+    data = os.read(descriptor, _MOST_BYTES)
+    if not data:
+        return None
+    if is_begun(data) and select.select([descriptor], [], [], _REST_WITHIN_S)[0]:
+        data += os.read(descriptor, _MOST_BYTES)
+    return keys_in(data)
 
 
 def main() -> int:
@@ -76,14 +91,23 @@ def picture(snapshot: Snapshot | None) -> RenderableType:
     rows = Table.grid(padding=(0, 2))
     for name, text in _rows(snapshot):
         rows.add_row(Text(name, style="dim"), text)
-    others = ["u stand up, sit down"] if snapshot.posture is not None else []
-    others += ["p push"] if snapshot.can_be_pushed else []
-    others += ["b restore the bus" if snapshot.is_bus_broken else "b break the bus", "q quit"]
     messages = Text("\n".join(snapshot.messages))
     return Panel(
-        Group(rows, Text(), messages, Text(), Text(f"{_KEYS}\n{'   '.join(others)}")),
+        Group(rows, Text(), messages, Text(), Text("\n".join(_keys(snapshot)))),
         title=f"segway-ecc play {snapshot.robot}",
     )
+
+
+def _keys(snapshot: Snapshot) -> list[str]:
+    """The keys that do something now, in two lines."""
+    acts = ACTS - {Key.CUT if snapshot.is_bus_broken else Key.REPAIR}
+    acts -= set() if snapshot.can_be_pushed else {Key.PUSH}
+    acts -= set() if snapshot.posture is not None else {Key.STAND, Key.SIT}
+    lines: tuple[list[str], list[str]] = ([], [])
+    for act, keys, words in KEYS:
+        if act in acts:
+            lines[act not in _IN_FIRST_LINE].append(f"{', '.join(_MARKS.get(key, key) for key in keys)} {words}")
+    return ["   ".join(line) for line in lines]
 
 
 def _rows(snapshot: Snapshot) -> list[tuple[str, Text]]:

@@ -12,6 +12,16 @@ import time
 import aiohttp
 
 
+async def heard(socket: aiohttp.ClientWebSocketResponse) -> aiohttp.WSMessage:
+    """The next message; the station sends no picture before it knows that the one before has arrived."""
+    message = await socket.receive()
+    if message.type is aiohttp.WSMsgType.TEXT:
+        content = json.loads(message.data)
+        if content["kind"] == "fleet":
+            await socket.send_json({"kind": "seen", "time_s": content["time_s"]})
+    return message
+
+
 async def main(url: str, robot: str) -> None:
     loop = asyncio.get_running_loop()
     async with aiohttp.ClientSession(url, headers={"Origin": url}) as client:
@@ -23,13 +33,13 @@ async def main(url: str, robot: str) -> None:
             loop.add_reader(sys.stdin.fileno(), lambda: lines.put_nowait(sys.stdin.readline()))
             sys.stdout.write("ready\n")
             sys.stdout.flush()
-            listening = asyncio.create_task(socket.receive())
+            listening = asyncio.create_task(heard(socket))
             while True:
                 pressing = asyncio.create_task(lines.get())
                 while not pressing.done():  # pictures are read and forgotten
                     await asyncio.wait({pressing, listening}, return_when=asyncio.FIRST_COMPLETED)
                     if listening.done():
-                        listening = asyncio.create_task(socket.receive())
+                        listening = asyncio.create_task(heard(socket))
                 if not pressing.result():
                     listening.cancel()
                     return
@@ -38,7 +48,7 @@ async def main(url: str, robot: str) -> None:
                 await socket.send_json({"kind": "command", "id": number, "robot": robot, "act": "stop"})
                 while True:
                     message = await listening
-                    listening = asyncio.create_task(socket.receive())
+                    listening = asyncio.create_task(heard(socket))
                     if message.type is not aiohttp.WSMsgType.TEXT:
                         return
                     reply = json.loads(message.data)

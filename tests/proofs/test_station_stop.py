@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import pytest
 
 from tests.chromium import chromium
+from tests.deploy.station.page.page_waits import there
 from tests.deploy.station.whole_stack import (
     NAMESPACE,
     OperatorPage,
@@ -60,7 +61,7 @@ def by_the_page(seat: OperatorPage) -> tuple[int, int]:
     """Press the key; what playwright needs for it counts too."""
     pressed_ns = time.monotonic_ns()
     seat.page.keyboard.press("Escape")
-    seat.page.wait_for_selector("#bar[data-stop=confirmed]")
+    there(seat.page, "#bar[data-stop=confirmed]")
     return pressed_ns, time.monotonic_ns()
 
 

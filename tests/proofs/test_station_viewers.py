@@ -89,6 +89,7 @@ async def see_all(port: int) -> int:
             picture = json.loads(message)
             if picture["kind"] != "fleet":
                 continue
+            await socket.send_json({"kind": "seen", "time_s": picture["time_s"]})
             if sum(robot["is_alive"] and bool(robot["timing"]) for robot in picture["robots"]) == REAL + FAKE:
                 return len(message)
 

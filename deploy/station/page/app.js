@@ -8,9 +8,12 @@ import { Connection } from "./connection.js";
 import { attribute, byId, text, visible } from "./dom.js";
 import { Driving } from "./driving.js";
 import { EventLog } from "./events.js";
-import { duration, figure } from "./format.js";
+import { figure } from "./format.js";
+import { Freshness } from "./freshness.js";
+import { GamepadStop } from "./gamepad.js";
 import { Links, Timing } from "./health.js";
 import { Joystick } from "./joystick.js";
+import { Keyboard } from "./keyboard.js";
 import { Overview } from "./overview.js";
 import { whyNoDriving } from "./permissions.js";
 import { Plots } from "./plots.js";
@@ -40,13 +43,16 @@ const driving = new Driving(connection, {
 });
 new Joystick(driving, () => commands.fail(`Drive: ${whyNoDriving(now())}`));
 const stop = new Stop(commands, now, () => driving.end());
+new GamepadStop(() => stop.pressSelected(performance.now()));
 const login = new LoginForm(() => void start());
 const [plots, sequence, events, announcer] = [new Plots(), new Sequence((why) => commands.fail(why)), new EventLog(), new Announcer()];
 const list = new RobotList(choose);
 const scene = new Scene(now);
+const trials = new Trials(commands, now);
+const freshness = new Freshness();
 const panels = [
-  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, new Trials(commands, now),
-  new WayBack(commands, now),
+  new Overview(), commands, plots, new Checklist(), new Links(), new Timing(), sequence, scene, trials,
+  new WayBack(commands, now), new Keyboard(now, commands, trials, () => driving.end()),
 ];
 
 /** What is known now; every panel draws from it. */
@@ -57,6 +63,7 @@ function now() {
     hello, robots, robot, age,
     since: age ?? 0, // what has to be added to the ages in the picture, s
     isFresh: connection.isFresh,
+    trouble: connection.trouble,
     isLive: connection.isFresh && robot !== null && robot.is_alive,
   };
 }
@@ -76,6 +83,7 @@ const receive = {
     scene.add(fields);
     announcer.update(robots);
     stop.update(robots);
+    commands.update(now());
     driving.check();
     redraw();
   },
@@ -91,7 +99,8 @@ const receive = {
 
 function changed(isFresh) {
   driving.check();
-  text(byId("alarm"), isFresh ? "" : "No connection to the base station");
+  commands.update(now());
+  text(byId("alarm"), connection.trouble);
   text(byId("announcer"), isFresh ? "Connected to the base station" : "");
   redraw();
 }
@@ -122,11 +131,8 @@ function redraw() {
 }
 
 function draw(seen) {
-  const { robot, isFresh, age } = seen;
-  const isShown = !byId("station").hidden;
-  visible(byId("stale"), isShown && !isFresh);
-  text(byId("stale-age"), age === null ? "- nothing was received yet" : `- what you see is ${duration(age)} old`);
-  attribute(document.body, "data-fresh", String(isFresh));
+  const { robot } = seen;
+  freshness.draw(seen, !byId("station").hidden);
   visible(byId("robot"), robot !== null);
   attribute(byId("robot"), "data-live", String(seen.isLive));
   list.draw(seen, selected);
@@ -157,6 +163,8 @@ function drawDriving(seen) {
 
 function showLogin() {
   connection.close();
+  commands.lost();
+  stop.lost();
   showStation(false);
   login.show();
 }

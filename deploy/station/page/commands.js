@@ -2,6 +2,7 @@
 // Commands: each waits for its reply where it can be seen, and a failure gives its reason.
 
 import { attribute, byId, make, text, visible } from "./dom.js";
+import { marksOf } from "./keys.js";
 import { whyNoCommand, whyNot } from "./permissions.js";
 import { titleOf } from "./robots.js";
 
@@ -17,6 +18,7 @@ export const LABELS = {
   sit: "Sit down",
   take_control: "Take control",
   release_control: "Release control",
+  dismiss: "Dismiss",
   play: "Play",
   break_off: "Break off",
   stop: "Stop",
@@ -24,10 +26,11 @@ export const LABELS = {
   cancel_stop: "Take back the stop of",
 };
 const BUTTONS = {
-  "command-buttons": ["take_control", "release_control", "arm", "disarm", "clear_fault", "stand", "sit"],
+  "command-buttons": ["take_control", "release_control", "arm", "disarm", "clear_fault", "stand", "sit", "dismiss"],
   "sequence-buttons": ["play", "break_off"],
 };
-const NEEDS_STANDING = ["stand", "sit"];
+/** Those that only some robots have: by act, whether this one does. */
+const HAS = { stand: (robot) => robot.can_stand, sit: (robot) => robot.can_stand, dismiss: (robot) => !robot.is_alive };
 
 /** Sends commands and follows them to their replies. */
 export class Commands {
@@ -41,6 +44,7 @@ export class Commands {
     this._now = now;
     this._fill = fill;
     this._pending = new Map();
+    this._done = null;
     this._buttons = Object.entries(BUTTONS).flatMap(([place, acts]) => acts.map((act) => this._button(place, act)));
   }
 
@@ -63,12 +67,13 @@ export class Commands {
     clearTimeout(pending.timer);
     this._pending.delete(id);
     pending.answered?.(isAccepted, answer);
-    if (isAccepted) this._show(`${pending.label}: ${answer || "done"}`, "");
+    if (isAccepted) this._succeed(pending, answer || "done");
     else this._show("", `${pending.label} failed: ${answer || "no reason was given"}`);
   }
 
-  /** The socket closed: what was not answered never will be. */
+  /** The socket closed: what was not answered never will be, and what was done may be undone meanwhile. */
   lost() {
+    this._forget();
     for (const id of [...this._pending.keys()]) {
       this.reply({ id, is_accepted: false, text: "the connection broke before an answer came" });
     }
@@ -79,17 +84,33 @@ export class Commands {
     this._show("", why);
   }
 
+  /** Follow who has control, and whether what is shown is still true: what a command came to counts no longer than that. */
+  update({ robots, hello, isFresh }) {
+    if (this._done === null) return;
+    const { act, robot: namespace } = this._done;
+    const controller = robots.find((robot) => robot.robot === namespace)?.controller ?? "";
+    const isOurs = controller === hello?.who;
+    const isOver = act === "release_control" ? !isOurs && controller !== "" : this._done.wasOurs && !isOurs;
+    this._done.wasOurs ||= isOurs;
+    if (isOver || !isFresh) this._forget();
+  }
+
   draw(now) {
     const why = whyNoCommand(now);
     text(byId("commands-reason"), why);
     visible(byId("commands-reason"), why !== "");
     for (const { act, button } of this._buttons) {
       const isWaiting = this._isWaiting(act, now.robot);
-      visible(button, !NEEDS_STANDING.includes(act) || now.robot.can_stand);
+      visible(button, this.has(act, now));
       attribute(button, "aria-disabled", isWaiting || whyNot(act, now) ? "true" : null);
       attribute(button, "aria-busy", isWaiting ? "true" : null);
       attribute(button, "title", whyNot(act, now) || null);
     }
+  }
+
+  /** Whether there is a button for this now. */
+  has(act, { robot }) {
+    return this._buttons.some((button) => button.act === act) && (HAS[act]?.(robot) ?? true);
   }
 
   _isWaiting(act, robot) {
@@ -100,13 +121,14 @@ export class Commands {
     const button = make("button", act === "arm" || act === "play" ? "primary" : "", LABELS[act]);
     button.type = "button";
     attribute(button, "data-act", act);
-    button.addEventListener("click", () => this._press(act));
+    attribute(button, "aria-keyshortcuts", marksOf(act).join(" ") || null);
+    button.addEventListener("click", () => this.press(act));
     byId(place).append(button);
     return { act, button };
   }
 
-  /** A button that is disabled keeps the focus and shows why. */
-  _press(act) {
+  /** Do what a button does; one that is disabled keeps the focus and shows why. */
+  press(act) {
     const now = this._now();
     const why = whyNot(act, now);
     if (why) return this.fail(`${LABELS[act]}: ${why}`);
@@ -120,7 +142,19 @@ export class Commands {
     return undefined;
   }
 
+  _succeed({ act, robot, label }, answer) {
+    this._show(`${label}: ${answer}`, "");
+    this._done = { act, robot, wasOurs: false };
+  }
+
+  /** What was done is no longer shown. */
+  _forget() {
+    if (this._done !== null) text(byId("command-state"), "");
+    this._done = null;
+  }
+
   _show(state, failure) {
+    this._done = null;
     text(byId("command-state"), state);
     text(byId("command-failure"), failure);
   }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Driving by hand is dead-man: whatever ends the operator's hold sends zero at once, and then nothing more.
 
-const LINEAR = { ArrowUp: 1, KeyW: 1, ArrowDown: -1, KeyS: -1 };
-const ANGULAR = { ArrowLeft: 1, KeyA: 1, ArrowRight: -1, KeyD: -1 };
+import { actOf } from "./keys.js";
+
+const LINEAR = { ahead: 1, back: -1 };
+const ANGULAR = { left: 1, right: -1 };
 const MODIFIERS = ["Control", "Alt", "Meta"];
 const NOT_TYPED_IN = ["range", "button", "submit", "reset", "checkbox", "radio", "file", "color"];
 
@@ -13,12 +15,33 @@ export function isTextField(target) {
   return target.tagName === "INPUT" && !NOT_TYPED_IN.includes(target.type);
 }
 
+/** What Space presses; buttons count also where they are disabled: they show why then. */
+const PRESSED = "button, summary, input[type=checkbox], input[type=file]";
+
+/** Whether Space has a use of its own there: it types, or presses what has the focus. */
+export const takesSpace = (target) => isTextField(target) || (target instanceof Element && target.matches(PRESSED));
+
+/** Whether a pointer clicked; a keyboard's click, and a screen reader's, counts none. Not all browsers name the pointer. */
+export const isByPointer = ({ pointerType, detail }) => Boolean(pointerType) || detail > 0;
+
+/** What a pointer pressed keeps no focus: the next Space, hit in haste, is to stop, and not to press that again. */
+export function blurWhatIsClicked() {
+  addEventListener("click", (event) => {
+    if (!isByPointer(event) || !(event.target instanceof Element)) return; // there the focus stays
+    const clicked = event.target.closest(`${PRESSED}, label`);
+    const pressed = clicked?.control ?? clicked;
+    if (!pressed?.matches(PRESSED)) return;
+    pressed.blur();
+    if (pressed !== clicked) setTimeout(() => pressed.blur()); // a label hands the focus on after its click
+  });
+}
+
 /** Whether an element has a use of its own for the key: a text field for each, the slider for the arrows. */
 const takes = (target, code) => isTextField(target) || (target.type === "range" && code.startsWith("Arrow"));
 
 /** What is held, as shares of the fastest: -1 to 1. */
-function requestOf(keys, lever) {
-  const sum = (table) => [...keys].reduce((total, code) => total + (table[code] ?? 0), 0);
+function requestOf(acts, lever) {
+  const sum = (table) => acts.reduce((total, act) => total + (table[act] ?? 0), 0);
   const limit = (value) => Math.max(-1, Math.min(1, value));
   return { linear: limit(sum(LINEAR) + lever.linear), angular: limit(sum(ANGULAR) + lever.angular) };
 }
@@ -34,7 +57,7 @@ export class Driving {
   constructor(connection, context) {
     this._connection = connection;
     this._context = context;
-    this._keys = new Set();
+    this._keys = new Map(); // what each key that is held asks for, by its place: the letter that it types may change
     this._lever = REST;
     this._robot = null;
     this.ended = () => {};
@@ -48,7 +71,7 @@ export class Driving {
   /** The speeds that are requested now: m/s, rad/s. */
   get speeds() {
     const { hello } = this._context.now();
-    const request = requestOf(this._keys, this._lever);
+    const request = requestOf([...this._keys.values()], this._lever);
     const share = this._context.speed();
     return { linear: request.linear * share * (hello?.max_linear ?? 0), angular: request.angular * share * (hello?.max_angular ?? 0) };
   }
@@ -102,9 +125,10 @@ export class Driving {
 
   _press(event) {
     if (MODIFIERS.includes(event.key)) return this.end(); // the release of a key may be lost beside one of these
-    if (!isDriveKey(event) || event.ctrlKey || event.altKey || event.metaKey || takes(event.target, event.code)) return undefined;
+    const act = actOf(event);
+    if (!isDriving(act) || event.ctrlKey || event.altKey || event.metaKey || takes(event.target, event.code)) return undefined;
     if (event.repeat) return this.isActive && event.preventDefault();
-    this._keys.add(event.code);
+    this._keys.set(event.code, act);
     const wasActive = this.isActive;
     if (!this._hold()) return undefined;
     event.preventDefault(); // the page does not scroll while it drives
@@ -131,4 +155,4 @@ export class Driving {
   }
 }
 
-const isDriveKey = ({ code }) => code in LINEAR || code in ANGULAR;
+const isDriving = (act) => act in LINEAR || act in ANGULAR;

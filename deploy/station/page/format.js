@@ -23,6 +23,11 @@ export function duration(seconds) {
   return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
 }
 
+const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23" });
+
+/** What the clock on the wall here showed so many seconds ago. */
+export const timeOfDay = (secondsAgo) => clock.format(Date.now() - 1e3 * secondsAgo);
+
 /** Milliseconds, for what is fast. */
 export function milliseconds(seconds) {
   if (seconds === null || seconds === undefined) return DASH;

@@ -2,7 +2,7 @@
 // The selected robot at a glance: its mode and why, its tilt drawn, and its figures.
 
 import { attribute, byId, make, text, visible } from "./dom.js";
-import { DASH, degrees, duration, figure, milliseconds } from "./format.js";
+import { DASH, degrees, duration, figure, milliseconds, timeOfDay } from "./format.js";
 import { titleOf } from "./robots.js";
 import { nextStep, stateOf } from "./state.js";
 
@@ -25,8 +25,9 @@ const MORE = [
   ["Heading, \u00b0", (r) => figure(degrees(r.heading), 0)],
 ];
 
+/** Whether its motors are live, which nobody knows of a robot that is lost. */
 function drives(robot) {
-  if (!robot.drives) return DASH;
+  if (!robot.is_alive || !robot.drives) return DASH;
   return robot.is_zero ? `${robot.drives}, zero` : robot.drives;
 }
 
@@ -81,5 +82,6 @@ function figures(place, readouts) {
 
 function lostReason(robot, since) {
   const last = robot.mode ? ` It was ${robot.mode}: ${robot.reason}` : "";
-  return `No message for ${duration(robot.age_s + since)}.${last}`;
+  const age = robot.age_s + since;
+  return `No message for ${duration(age)}, since ${timeOfDay(age)}.${last}`;
 }

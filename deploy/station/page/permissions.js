@@ -6,9 +6,9 @@ const PLAYING = ["waiting", "running"];
 export const VIEWER = "You are signed in as a viewer: you can watch and stop, but not command";
 
 /** Why no command to the selected robot is allowed, or an empty text. */
-export function whyNoCommand({ isFresh, hello, robot }) {
+export function whyNoCommand({ trouble, hello, robot }) {
   if (!robot) return "No robot is selected";
-  if (!isFresh) return "No connection to the base station";
+  if (trouble) return trouble;
   if (hello?.role !== "operator") return VIEWER;
   return "";
 }
@@ -32,9 +32,15 @@ const WHY = {
   sit: () => "",
   take_control: (now) => (isMine(now) ? "You have control" : ""),
   release_control: (now) => (isMine(now) ? "" : "You do not have control"),
+  dismiss: (now) => whyNotOurs(now) || whyNotDismissed(now.robot),
   play: (now) => whyNotActive(now) || (isPlaying(now.robot) ? "A sequence is being played" : ""),
   break_off: (now) => (isPlaying(now.robot) ? "" : "No sequence is being played"),
 };
+
+function whyNotDismissed(robot) {
+  if (robot.is_alive) return "The robot is not lost";
+  return robot.stop === "requested" ? "Clear the stop first" : "";
+}
 
 function whyNotActive(now) {
   if (!isMine(now)) return "Take control first";
@@ -42,7 +48,7 @@ function whyNotActive(now) {
 }
 
 /** These are between the operators and the station, whatever has become of the robot. */
-const STATIONS_OWN = ["take_control", "release_control"];
+const STATIONS_OWN = ["take_control", "release_control", "dismiss"];
 
 /** Why this command is not allowed now, or an empty text. */
 export function whyNot(act, now) {

@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: MIT
-// Tilt, speed and turning over the last 20 s, as they arrive; they stop and turn grey when nothing arrives.
+// Tilt, speed and turning of the last minutes, as they arrive; they stop and turn grey when nothing arrives.
+//
+// What was before the page was loaded comes from the station, which keeps the last ten minutes: nothing is kept here.
 
 import uPlot from "./vendor/uplot.js";
 import { attribute, byId, make, text, visible } from "./dom.js";
-import { degrees, duration } from "./format.js";
+import { degrees, duration, figure as number, timeOfDay } from "./format.js";
+import { History } from "./plot_history.js";
+import { HEIGHT, options } from "./plot_options.js";
+import { PlotView } from "./plot_view.js";
 
-const SPAN_S = 20;
+const KEPT_S = 600;
 const DRAW_MS = 100;
-const HEIGHT = 104;
-const MOST_POINTS = 1000;
-const LIMITS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+/** What can be chosen, s. */
+const SPANS = [[20, "20 s"], [120, "2 min"], [600, "10 min"]];
 
 const GRAPHS = [
   { title: "Tilt", unit: "\u00b0", least: 10, series: [["measured", "--plot-1"]], read: (r) => [degrees(r.pitch)] },
@@ -23,73 +27,28 @@ const GRAPHS = [
   },
 ];
 
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** Of the columns of a history, those of each graph. */
+const LINES = GRAPHS.map((graph, index) => {
+  const first = GRAPHS.slice(0, index).reduce((sum, before) => sum + before.series.length, 0);
+  return graph.series.map((_, line) => first + line);
+});
 
-/** The history of one robot: a column of times, s of the station's clock, and one for each line of each graph. */
-class History {
-  constructor() {
-    this.times = [];
-    this.columns = GRAPHS.map((graph) => graph.series.map(() => []));
-    this._isGap = true;
-  }
-
-  add(timeS, robot) {
-    if (!robot.is_alive && this._isGap) return;
-    if (timeS < this.times.at(-1)) this._cut(this.times.length); // another station's clock
-    this._isGap = !robot.is_alive;
-    this.times.push(timeS);
-    GRAPHS.forEach((graph, index) => {
-      const values = graph.read(robot);
-      this.columns[index].forEach((column, line) => column.push(robot.is_alive ? values[line] : null));
-    });
-    const first = this.times.findIndex((time) => time >= timeS - SPAN_S);
-    this._cut(Math.max(first - 1, this.times.length - MOST_POINTS));
-  }
-
-  _cut(count) {
-    if (count <= 0) return;
-    for (const column of [this.times, ...this.columns.flat()]) column.splice(0, count);
-  }
+/** What a robot reported, a value for each line; null where it is lost, or reports none. */
+function valuesOf(robot) {
+  const values = GRAPHS.flatMap((graph) => graph.read(robot));
+  return robot.is_alive === false || values.every((value) => value === null) ? null : values;
 }
 
-/** The smallest round limit that holds all values, so that the scale rarely changes. */
-function symmetric(least, low, high) {
-  const most = Math.max(least, Math.abs(low ?? 0), Math.abs(high ?? 0));
-  const limit = LIMITS.find((round) => round >= most) ?? most;
-  return [-limit, limit];
-}
-
-function axis(extra) {
-  return {
-    stroke: () => colour("--muted"),
-    font: "12px system-ui, sans-serif",
-    grid: { stroke: () => colour("--plot-grid"), width: 1 },
-    ticks: { show: false },
-    ...extra,
-  };
-}
-
-function options(graph, width) {
-  const ages = (u) => [20, 15, 10, 5, 0].map((age) => u.scales.x.max - age);
-  return {
-    width,
-    height: HEIGHT,
-    legend: { show: false },
-    cursor: { show: false },
-    padding: [8, 12, 0, 0],
-    scales: {
-      x: { time: false, range: (u, low, high) => [(high ?? 0) - SPAN_S, high ?? 0] },
-      y: { range: (u, low, high) => symmetric(graph.least, low, high) },
-    },
-    axes: [
-      axis({ size: 24, gap: 4, splits: ages, values: () => ["\u221220 s", "\u221215", "\u221210", "\u22125", "0"] }),
-      axis({ size: 44, gap: 4, space: 28 }),
-    ],
-    series: [{}, ...graph.series.map(([label, name]) => ({
-      label, width: 1.75, stroke: () => colour(name), points: { show: false },
-      ...(label === "set-point" ? { dash: [5, 4] } : {}),
-    }))],
-  };
+/** What the station keeps of a robot, as rows of a history; nothing where it does not answer. */
+async function past(namespace) {
+  try {
+    const response = await fetch(`/robots/${encodeURIComponent(namespace)}/trace`, { cache: "no-store" });
+    const trace = response.ok ? await response.json() : { time_s: [] };
+    const robot = (row) => Object.fromEntries(Object.entries(trace).map(([name, column]) => [name, column[row]]));
+    return trace.time_s.map((timeS, row) => [timeS, valuesOf(robot(row))]);
+  } catch {
+    return [];
+  }
 }
 
 function figureOf(graph) {
@@ -97,60 +56,139 @@ function figureOf(graph) {
   for (const [label] of graph.series) {
     if (graph.series.length > 1) key.append(make("span", `key-${label}`, label));
   }
-  const title = make("figcaption", "", "", make("strong", "", graph.title), ` ${graph.unit} `, key);
+  const at = make("span", "plot-at");
+  const title = make("figcaption", "", "", make("strong", "", graph.title), ` ${graph.unit} `, key, at);
   const place = make("div", "plot");
   attribute(place, "role", "img");
-  attribute(place, "aria-label", `${graph.title} over the last 20 s, ${graph.unit}; the newest value is in the figures above`);
+  attribute(place, "aria-label", `${graph.title} over time, ${graph.unit}; the newest value is in the figures above`);
   const root = make("figure", "", "", title, place);
   byId("plots").append(root);
-  return { root, place };
+  return { root, place, at };
 }
 
 export class Plots {
   constructor() {
     this._histories = new Map();
+    this._asked = new WeakSet();
     this._figures = GRAPHS.map(figureOf);
+    this._view = new PlotView();
     this._plots = null;
+    this._history = null;
+    this._sinceS = 0;
+    this._newestS = 0;
     this._drawnMs = 0;
     this._drawn = null;
+    this._described = null;
+    this._labelled = null;
+    this._heldWords = "";
+    this._buttons = SPANS.map(([spanS, label]) => ({ spanS, button: this._button(label, () => this._view.choose(spanS)) }));
+    // From what is drawn on: of a lost robot that has ended some time ago.
+    this._pause = this._button("Pause", () => this._view.toggle(this._history?.times.at(-1) ?? this._newestS));
     new ResizeObserver(() => this._fit()).observe(byId("plots"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this._plots?.forEach((plot) => plot.redraw()));
   }
 
   /** Add a picture of the fleet. */
   add({ time_s: timeS, robots }) {
+    if (timeS < this._newestS) this._view.choose(this._view.spanS); // another station's clock: what is held is not of it
+    this._newestS = timeS;
     for (const robot of robots) {
-      if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History());
-      this._histories.get(robot.robot).add(timeS, robot);
+      if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History(LINES.flat().length, KEPT_S));
+      this._histories.get(robot.robot).add(timeS, valuesOf(robot));
+    }
+    this._forget(timeS, new Set(robots.map((robot) => robot.robot)));
+  }
+
+  /** Forget robots that are no longer in the picture, once nothing of them would be kept. */
+  _forget(timeS, names) {
+    for (const [name, { times }] of this._histories) {
+      const isOld = times.length === 0 || times.at(-1) < timeS - KEPT_S;
+      if (isOld && !names.has(name)) this._histories.delete(name);
     }
   }
 
   draw({ robot, since, isLive }) {
+    const age = robot.age_s + since;
+    this._sinceS = since;
     attribute(byId("plots"), "data-live", isLive ? "true" : "false");
-    visible(byId("plots-state"), !isLive);
-    text(byId("plots-state"), isLive ? "" : `stopped ${duration(robot.age_s + since)} ago`);
+    this._describe(isLive ? "" : `stopped ${duration(age)} ago, at ${timeOfDay(age)}`);
     const history = this._histories.get(robot.robot);
     const nowMs = performance.now();
-    const newest = `${robot.robot} ${history?.times.at(-1)}`;
-    if (!history || newest === this._drawn || nowMs - this._drawnMs < DRAW_MS) return;
+    const { held, spanS } = this._view;
+    const shown = `${robot.robot} ${history?.hasPast} ${held ?? `${spanS} ${history?.times.at(-1)}`}`;
+    if (!history || shown === this._drawn || nowMs - this._drawnMs < DRAW_MS) return;
     this._drawnMs = nowMs;
-    this._drawn = newest;
+    this._drawn = shown;
     this._show(history);
+    // The same time has other labels once it is held: a plot of the same range keeps them by itself.
+    if (held !== this._labelled) this._plots.forEach((plot) => plot.redraw(true, true));
+    this._labelled = held;
+    if (!this._asked.has(history)) void this._loadPast(robot.robot, history);
+  }
+
+  async _loadPast(namespace, history) {
+    this._asked.add(history);
+    history.prepend(await past(namespace));
+  }
+
+  /** Which time is shown, and whether it goes on. */
+  _describe(stopped) {
+    const { held, spanS } = this._view;
+    const [, label] = SPANS.find(([each]) => each === spanS);
+    if (held !== this._described) this._heldWords = held ? held.map((time) => this._clock(time)).join(" to ") : "";
+    this._described = held;
+    text(byId("plots-span"), this._heldWords || `Last ${label}`);
+    visible(byId("plots-state"), stopped !== "" || held !== null);
+    text(byId("plots-state"), stopped || "paused");
+    for (const { spanS: each, button } of this._buttons) attribute(button, "aria-pressed", String(held === null && each === spanS));
+    attribute(this._pause, "aria-pressed", String(held !== null));
+    text(this._pause, held ? "Go on" : "Pause");
   }
 
   _show(history) {
-    this._plots ??= GRAPHS.map((graph, index) => {
-      const { place } = this._figures[index];
-      return new uPlot(options(graph, place.clientWidth), [[], ...graph.series.map(() => [])], place);
-    });
+    this._history = history;
+    this._plots ??= GRAPHS.map((graph, index) => this._plot(graph, index));
     GRAPHS.forEach((graph, index) => {
-      const columns = history.columns[index];
-      visible(this._figures[index].root, columns.some((column) => column.some((value) => value !== null)));
-      this._plots[index].setData([history.times, ...columns]);
+      visible(this._figures[index].root, LINES[index].some((line) => history.has(line)));
+      this._plots[index].setData([history.times, ...LINES[index].map((line) => history.columns[line])]);
+      this._readCursor(this._plots[index], index);
     });
     this._fit();
-    const { root } = this._figures[0];
-    attribute(byId("plots"), "data-newest", root ? String(history.times.at(-1)) : null);
+    attribute(byId("plots"), "data-newest", String(history.times.at(-1)));
+    attribute(byId("plots"), "data-oldest", String(history.times[0]));
+  }
+
+  _plot(graph, index) {
+    const { place } = this._figures[index];
+    const view = {
+      range: () => this._view.window(this._history.times.at(-1) ?? 0),
+      isHeld: () => this._view.held !== null,
+      clock: (time) => this._clock(time),
+      zoom: (from, to) => this._view.zoom(from, to),
+      moved: (plot) => this._readCursor(plot, index),
+    };
+    return new uPlot(options(graph, place.clientWidth, view), [[], ...graph.series.map(() => [])], place);
+  }
+
+  /** The values under the cursor, in the order of the lines. */
+  _readCursor(plot, index) {
+    const row = plot.cursor.idx;
+    const time = this._history?.times[row];
+    const values = time === undefined ? [] : LINES[index].map((line) => number(this._history.columns[line][row], 2));
+    text(this._figures[index].at, time === undefined ? "" : `${this._clock(time)}: ${values.join(", ")}`);
+  }
+
+  /** What a clock on the wall showed at a time of the station's. */
+  _clock(timeS) {
+    return timeOfDay(this._sinceS + this._newestS - timeS);
+  }
+
+  _button(label, act) {
+    const button = make("button", "", label);
+    button.type = "button";
+    button.addEventListener("click", act);
+    byId("plots-buttons").append(button);
+    return button;
   }
 
   _fit() {

@@ -5,8 +5,10 @@ import { attribute, byId, keep, make, text, visible } from "./dom.js";
 import { duration } from "./format.js";
 import { stateOf, wordOf } from "./state.js";
 
-/** What the operator calls it. */
-export const titleOf = (robot) => robot.name || robot.robot;
+const nameOf = (robot) => robot.name || robot.robot;
+
+/** What the operator calls it: with its namespace, as two may have the same name; that of the root is left out. */
+export const titleOf = (robot) => (robot.name && robot.robot !== "/" ? `${robot.name} ${robot.robot}` : nameOf(robot));
 
 function row(namespace, choose) {
   const title = make("span", "robot-title");
@@ -46,7 +48,7 @@ export class RobotList {
     const rows = keep(byId("robots"), this._rows, names, (name) => row(name, this._choose));
     robots.forEach((robot, index) => {
       const { button, title, mode, age } = rows[index];
-      text(title, titleOf(robot));
+      text(title, nameOf(robot)); // its namespace stands beside it
       text(mode, wordOf(robot));
       attribute(mode, "data-mode", stateOf(robot).kind);
       text(age, note(robot, since));

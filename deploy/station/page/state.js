@@ -25,7 +25,7 @@ export function wordOf(robot) {
 
 /** The one thing to do next, as a sentence; empty where nothing is to be done. */
 export function nextStep(robot) {
-  if (!robot.is_alive) return "Nothing arrives from it: look at its power and its network.";
+  if (!robot.is_alive) return "Nothing arrives from it: look at its power and its network, or dismiss it.";
   if (robot.mode === "FAULT") return `When the cause is gone, press ${wayBackLabel(robot)}.`;
   if (robot.mode === "DISARMED") return failing(robot) || (robot.can_stand ? "Press Stand up." : "Press Arm.");
   if (robot.can_stand && ["FALLEN", "RESTING"].includes(robot.posture)) return "Press Stand up.";

@@ -2,6 +2,7 @@
 // What can be done to a simulated robot: a button each, and what its safety did.
 
 import { attribute, byId, keep, make, text, visible } from "./dom.js";
+import { marksOf } from "./keys.js";
 import { whyNoCommand } from "./permissions.js";
 
 const KEPT = 5;
@@ -48,11 +49,18 @@ export class Trials {
     const root = make("button", name === "recover" ? "primary" : "");
     root.type = "button";
     attribute(root, "data-trial", name);
-    root.addEventListener("click", () => this._press(name));
+    attribute(root, "aria-keyshortcuts", marksOf(name).join(" ") || null);
+    root.addEventListener("click", () => this.press(name));
     return { root };
   }
 
-  _press(name) {
+  /** Whether there is a button for this now. */
+  has(name, { hello }) {
+    return (hello?.trials ?? []).some((trial) => trial.name === name);
+  }
+
+  /** Do what a button does. */
+  press(name) {
     const now = this._now();
     const trial = now.hello?.trials.find((each) => each.name === name);
     const why = this._why(now);

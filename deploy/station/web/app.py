@@ -14,7 +14,7 @@ from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
-from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.browser import Browser, Peer
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
 from segway_ecc.deploy.station.web.downloads import Downloads
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices, json_response, refusal
@@ -34,6 +34,8 @@ _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
+_ONLY_TLS: Final = "max-age=31536000"
+"""A browser that was here once speaks TLS only for a year (RFC 6797): nobody in between can have it speak without."""
 _WITH_FORMS: Final = ("/logs", "/robots/")
 _Handler: TypeAlias = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _logger = logging.getLogger(__name__)
@@ -76,6 +78,7 @@ class WebApplication:
         post("/logout", self._authentication.logout)
         get("/socket", self._socket, allow_head=False)
         get("/refused", self._refused)
+        get("/robots/{robot}/trace", self._trace, allow_head=False)
         get("/logs", self._listed(downloads.logs))
         get("/logs/{name}", audited(downloads.log, "log"), allow_head=False)
         get("/robots/{robot}/bundle", audited(downloads.bundle, "bundle", Role.OPERATOR), allow_head=False)
@@ -144,7 +147,8 @@ class WebApplication:
         if self.connections is not None:
             self.connections.on_browser(request.transport)
         transport = request.transport if isinstance(request.transport, asyncio.WriteTransport) else None
-        browser = Browser(self._shared, socket, session, address, transport)
+        peer = Peer(address, transport, inflates=request.query.get("pictures") == "deflate")
+        browser = Browser(self._shared, socket, session, peer)
         await self._serve(browser, socket)
         return socket
 
@@ -171,6 +175,12 @@ class WebApplication:
         self._authentication.session(request, Role.OPERATOR)
         shared = self._shared
         return json_response({"web": dict(shared.refusals.most_common()), "station": shared.robots.refused()})
+
+    async def _trace(self, request: web.Request) -> web.Response:
+        self._authentication.session(request)
+        response = json_response(self._hub.traces.of(request.match_info["robot"]))
+        response.enable_compression()
+        return response
 
     def _listed(self, handler: Callable[..., Awaitable[web.Response]]) -> _Handler:
         """A handler for sessions, which shows operators what they may fetch."""
@@ -201,6 +211,8 @@ def _log_once(refusals: Counter[Cause], error: Exception) -> None:
 async def _prepare(request: web.Request, response: web.StreamResponse) -> None:
     """Set the headers of every response."""
     response.headers.update(_HEADERS)
+    if request.secure:
+        response.headers["Strict-Transport-Security"] = _ONLY_TLS
     if request.path.startswith(_WITH_FORMS):
         # Without a referrer browsers send a form with the origin `null`, which could be anybody's (Fetch, "origin").
         response.headers["Referrer-Policy"] = "same-origin"

@@ -93,9 +93,7 @@ class AuthenticationMiddleware:
 
     async def login(self, request: web.Request) -> web.Response:
         """Begin a session with a name and a token."""
-        # Another site's form cannot send this type without a preflight request, which is never answered here.
-        if request.content_type != "application/json":
-            raise RefusedRequestError(Cause.BAD_REQUEST)
+        _require_json(request)
         try:
             given = msgspec.json.decode(await _body(request), type=_Login)
         except (msgspec.DecodeError, UnicodeError, RecursionError):
@@ -108,6 +106,7 @@ class AuthenticationMiddleware:
 
     async def logout(self, request: web.Request) -> web.Response:
         """End a session; the response does not show whether there was one."""
+        _require_json(request)
         await _body(request)
         self._leave(request)
         response = web.Response(status=204)
@@ -149,6 +148,12 @@ class AuthenticationMiddleware:
             return
         self.sessions.end(session)
         self.note(request, "logout", session)
+
+
+def _require_json(request: web.Request) -> None:
+    """Another site's form cannot send this type without a preflight request, which is never answered here."""
+    if request.content_type != "application/json":
+        raise RefusedRequestError(Cause.BAD_REQUEST)
 
 
 async def _body(request: web.Request) -> bytes:

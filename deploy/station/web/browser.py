@@ -5,15 +5,16 @@ import asyncio
 import contextlib
 import math
 from collections import deque
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView
+from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView, Seen, SeenView
 from segway_ecc.deploy.station.web.access import Role, Session
 from segway_ecc.deploy.station.web.audit import AuditEntry
 from segway_ecc.deploy.station.web.limits import Bucket
+from segway_ecc.deploy.station.web.pictures import Picture, Pictures
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 _MOST_WAITING: Final = 1000
@@ -29,29 +30,36 @@ _LONGEST_NAME: Final = 80
 _LONGEST_ROBOT: Final = 256
 _LARGEST_ID: Final = 2**53 - 1
 """A browser's numbers are exact up to here (ECMA-262, Number.MAX_SAFE_INTEGER)."""
-_decoder: Final[msgspec.json.Decoder[Command | Drive]] = msgspec.json.Decoder(Command | Drive)
+_decoder: Final[msgspec.json.Decoder[Command | Drive | Seen]] = msgspec.json.Decoder(Command | Drive | Seen)
+
+
+class Peer(NamedTuple):
+    """The other end of a socket.
+
+    Attributes:
+        transport: Is aborted where it is stuck.
+        inflates: Whether it takes pictures compressed, as binary messages.
+    """
+
+    address: str
+    transport: asyncio.WriteTransport | None
+    inflates: bool
 
 
 class Browser:
-    """Sends the newest picture, never an old one, and all events and replies in their order."""
+    """Sends the newest picture as soon as those before have arrived, and all events and replies in their order."""
 
-    def __init__(
-        self,
-        shared: SharedServices,
-        socket: web.WebSocketResponse,
-        session: Session,
-        address: str,
-        transport: asyncio.WriteTransport | None,
-    ) -> None:
-        """Serve a socket that is open, of a session at an address; `transport` is aborted where it is stuck."""
+    def __init__(self, shared: SharedServices, socket: web.WebSocketResponse, session: Session, peer: Peer) -> None:
+        """Serve a socket that is open, of a session."""
         self.session = session
-        self.address = address
+        self.address = peer.address
         self._shared = shared
         self._socket = socket
-        self._transport = transport
+        self._transport = peer.transport
+        self._inflates = peer.inflates
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[bytes] = deque()
-        self._picture: bytes | None = None
+        self._pictures = Pictures()
         self._wake = asyncio.Event()
         self._sending_since_ns: int | None = None
         now_ns = shared.clock_ns()
@@ -61,9 +69,9 @@ class Browser:
         self._driven = ""
         self._ending: tuple[int, str] | None = None
 
-    def show(self, picture: bytes) -> None:
-        """Send a picture, in place of one that was not yet sent."""
-        self._picture = picture
+    def show(self, picture: Picture) -> None:
+        """Send a picture as soon as those before have arrived, in place of one that was not yet sent."""
+        self._pictures.put(picture)
         self._wake.set()
 
     def queue(self, message: bytes) -> None:
@@ -81,8 +89,11 @@ class Browser:
         self._wake.set()
 
     def is_stuck(self, now_ns: int) -> bool:
-        """Whether a message could not be sent for so long that the browser counts as gone."""
-        return self._sending_since_ns is not None and now_ns - self._sending_since_ns > _STUCK_NS
+        """Whether a message was not sent, or a picture not seen, for so long that the browser counts as gone."""
+        return any(
+            since_ns is not None and now_ns - since_ns > _STUCK_NS
+            for since_ns in (self._sending_since_ns, self._pictures.unseen_since_ns)
+        )
 
     def abort(self, cause: Cause) -> None:
         """Abort the connection of a browser that is gone."""
@@ -96,13 +107,9 @@ class Browser:
             while self._ending is None:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._ending is None and (self._waiting or self._picture is not None):
-                    if self._waiting:
-                        message = self._waiting.popleft()
-                    else:
-                        message, self._picture = self._picture or b"", None
+                while self._ending is None and (following := self._next()) is not None:
                     self._sending_since_ns = self._shared.clock_ns()
-                    await self._socket.send_frame(message, WSMsgType.TEXT)
+                    await self._socket.send_frame(*following)
                     self._sending_since_ns = None
             code, reason = self._ending
             await self._socket.close(code=code, message=reason.encode())
@@ -112,6 +119,9 @@ class Browser:
         now_ns = self._shared.clock_ns()
         try:
             decoded = self._decode(message, now_ns)
+            if isinstance(decoded, Seen):
+                self._on_seen(decoded, now_ns)
+                return
             self._check(decoded, now_ns)
         except RefusedMessageError as refusal:
             self._shared.refusals[refusal.cause] += 1
@@ -129,7 +139,22 @@ class Browser:
         if self._driven:
             self._drive(Drive(id=self._last_id + 1, robot=self._driven, linear=0.0, angular=0.0))
 
-    def _decode(self, message: str | bytes, now_ns: int) -> Command | Drive:
+    def _next(self) -> tuple[bytes, WSMsgType] | None:
+        """What is sent next, and as what."""
+        if self._waiting:
+            return self._waiting.popleft(), WSMsgType.TEXT
+        picture = self._pictures.take(self._shared.clock_ns())
+        if picture is None:
+            return None
+        return (picture.deflated, WSMsgType.BINARY) if self._inflates else (picture.encoded, WSMsgType.TEXT)
+
+    def _on_seen(self, seen: Seen, now_ns: int) -> None:
+        """Make room for the next picture, and tell when this arrived; nothing where it says nothing new."""
+        time_s = self._pictures.on_seen(seen.time_s, now_ns)
+        if time_s is not None:
+            self.queue(msgspec.json.encode(SeenView(time_s=time_s, at_s=now_ns * 1e-9)))
+
+    def _decode(self, message: str | bytes, now_ns: int) -> Command | Drive | Seen:
         if isinstance(message, bytes):
             raise RefusedMessageError(Cause.MALFORMED, "a message is text")
         if not self._messages.take_token(now_ns):
@@ -206,8 +231,8 @@ class RefusedMessageError(Exception):
         self.number = number
 
 
-def decode(message: str, max_linear: float, max_angular: float) -> Command | Drive:
-    """A command or a set-point within the limits, m/s and rad/s.
+def decode(message: str, max_linear: float, max_angular: float) -> Command | Drive | Seen:
+    """A command, a set-point within the limits, m/s and rad/s, or the word that a picture was seen.
 
     Raises:
         RefusedMessageError: It is anything else.
@@ -219,6 +244,8 @@ def decode(message: str, max_linear: float, max_angular: float) -> Command | Dri
         decoded = _decoder.decode(content)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise RefusedMessageError(Cause.MALFORMED, f"not a message: {str(error)[:200]}") from None
+    if isinstance(decoded, Seen):
+        return decoded
     if not 0 < decoded.id <= _LARGEST_ID:
         raise RefusedMessageError(Cause.OUT_OF_RANGE, "an id counts up from 1")
     _check_text("a robot's namespace", decoded.robot, _LONGEST_ROBOT, decoded.id)

@@ -77,7 +77,7 @@ class RobotLogs(NamedTuple):
 
 
 class Downloads:
-    """Serves the station's logs, those of the robots in the newest picture, and support bundles."""
+    """Serves the logs of the robots in the newest picture, on the station and on the robots, and support bundles."""
 
     def __init__(
         self,
@@ -97,8 +97,9 @@ class Downloads:
 
     async def logs(self, request: web.Request, *, may_fetch: bool) -> web.Response:
         """The logs here and on the robots: as a page, or as JSON where that is accepted."""
-        own = await asyncio.to_thread(logs_in, self._folder)
-        robots = await self._robots.of_all(self._fleet())
+        fleet = self._fleet()
+        own = await asyncio.to_thread(logs_in, self._folder, _names(fleet))
+        robots = await self._robots.of_all(fleet)
         if _wants_json(request):
             return json_response(
                 {"logs": [log._asdict() for log in own], "robots": [each.as_json() for each in robots]}
@@ -117,7 +118,7 @@ class Downloads:
         """One log of the station, as long as it was at the request."""
         name = request.match_info["name"]
         try:
-            file, size = await asyncio.to_thread(open_log, self._folder, name)
+            file, size = await asyncio.to_thread(open_log, self._folder, name, _names(self._fleet()))
         except FileNotFoundError:
             raise RefusedRequestError(Cause.NOT_FOUND) from None
         return await _send(request, file, size, _attachment("", name))
@@ -166,6 +167,11 @@ class Downloads:
         if all(each.robot != robot for each in self._fleet().robots):
             raise RefusedRequestError(Cause.NOT_FOUND)
         return robot
+
+
+def _names(fleet: FleetView) -> frozenset[str]:
+    """What the robots of a picture are called in their files, and so in their logs' names."""
+    return frozenset(robot.name for robot in fleet.robots)
 
 
 async def _send(request: web.Request, file: int, size: int, response: web.StreamResponse) -> web.StreamResponse:

@@ -14,9 +14,13 @@ from segway_ecc.deploy.station.views import FleetView, HelloView
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.limits import site_of
+from segway_ecc.deploy.station.web.pictures import Picture
 from segway_ecc.deploy.station.web.shared import Cause, SharedServices
+from segway_ecc.deploy.station.web.traces import Traces
 
 DRIVE_PERIOD_S: Final = 0.1
+FRESH_S: Final = 1.0
+"""A picture that is older when a browser shows it is too old to act on."""
 _POLL_S: Final = 0.01
 """How often it is checked whether there is a new picture, so that none waits for long; one comes every 50 ms."""
 _SWEEP_NS: Final = 1_000_000_000
@@ -33,10 +37,11 @@ class WebSocketHub:
         self._version = version
         self._browsers: set[Browser] = set()
         self._by_site: Counter[str] = Counter()
-        self._picture: FleetView | None = None
-        self._encoded = b""
+        self._view: FleetView | None = None
+        self._picture: Picture | None = None
         self._changed_ns = shared.clock_ns()
         self._event = 0
+        self.traces = Traces()
         self.is_empty = asyncio.Event()
         """Set while no browser is connected."""
         self.is_empty.set()
@@ -70,14 +75,15 @@ class WebSocketHub:
             drive_period_s=DRIVE_PERIOD_S,
             max_linear=limits.linear_velocity,
             max_angular=limits.angular_velocity,
+            fresh_s=FRESH_S,
             trials=self._robots.trials,
         )
         browser.queue(msgspec.json.encode(hello))
         for event in self._robots.events(max(self._event - _OLD_EVENTS, 0)):
             if event.number <= self._event:
                 browser.queue(msgspec.json.encode(event))
-        if self._encoded:
-            browser.show(self._encoded)
+        if self._picture is not None:
+            browser.show(self._picture)
 
     def remove(self, browser: Browser) -> None:
         """Remove a browser that is gone; with the last of an operator's, so are they."""
@@ -118,14 +124,15 @@ class WebSocketHub:
             encoded = msgspec.json.encode(event)
             for browser in self._browsers:
                 browser.queue(encoded)
-        picture = self._robots.fleet()
-        if picture is self._picture:
+        view = self._robots.fleet()
+        if view is self._view:
             return
-        self._picture = picture
+        self._view = view
         self._changed_ns = self._clock_ns()
-        self._encoded = msgspec.json.encode(picture)
+        self.traces.add(view)
+        self._picture = Picture(view)
         for browser in self._browsers:
-            browser.show(self._encoded)
+            browser.show(self._picture)
 
     def _sweep(self) -> None:
         now_ns = self._clock_ns()

@@ -47,7 +47,8 @@ def test_a_request_is_answered_by_the_robot_and_logged(bench: Any, events: Event
 
 
 @pytest.mark.parametrize(
-    "act", sorted(set(Act) - {Act.STOP, Act.CANCEL_STOP, Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF})
+    "act",
+    sorted(set(Act) - {Act.STOP, Act.CANCEL_STOP, Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, Act.DISMISS}),
 )
 def test_commands_to_a_lost_robot_fail_at_once(bench: Any, act: Act) -> None:
     bench.pass_time(1500, alive=False)

@@ -111,6 +111,9 @@ class Stack:
     def pid(self, verb: str) -> int:
         return self._processes[verb].process.pid
 
+    def is_running(self, verb: str) -> bool:
+        return verb in self._processes and self._processes[verb].process.poll() is None
+
     def truth(self) -> Truth:
         """The newest line of what the plant writes; not a number while it has written none."""
         path = self.folder / "truth.csv"
@@ -180,9 +183,15 @@ class OperatorPage:
         self.page.click(f"[data-act={act}]")
 
     def arm(self) -> None:
-        """Arm, as often as the robot refuses: it needs the plant's frames, and the rate of the first second."""
+        """Arm, as often as the robot refuses: it needs the plant's frames, and the rate of the first second.
+
+        Where the machine stalls it is in FAULT at once, which may be all that is seen of it.
+        """
 
         def is_armed() -> bool:
+            if self.mode == "FAULT" and not self.is_disabled("clear_fault"):
+                self.page.click("[data-act=clear_fault]")
+                self.page.wait_for_timeout(300)
             if self.mode == "DISARMED" and not self.is_disabled("arm"):
                 self.page.click("[data-act=arm]")
                 self.page.wait_for_timeout(300)

@@ -50,3 +50,22 @@ def test_nothing_else_is_opened(folder: Path, name: str) -> None:
 def test_a_folder_that_is_not_there_has_no_logs(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         open_log(tmp_path / "nowhere", "a")
+
+
+RUNS = ("cart-20261126T101500Z-12.mcap", "cart-can-20261126T101500Z-12.mcap", "by hand.mcap")
+
+
+def _of(folder: Path, *robots: str) -> set[str]:
+    return {log.name for log in logs_in(folder, robots)}
+
+
+def test_logs_of_other_robots_runs_are_neither_listed_nor_opened(tmp_path: Path) -> None:
+    for name in RUNS:
+        (tmp_path / name).touch()
+    assert _of(tmp_path, "cart") == {"cart-20261126T101500Z-12.mcap", "by hand.mcap"}
+    assert _of(tmp_path, "cart-can") == {"cart-can-20261126T101500Z-12.mcap", "by hand.mcap"}
+    assert _of(tmp_path, "cart", "cart-can") == set(RUNS)
+    assert _of(tmp_path) == {"by hand.mcap"}
+    os.close(open_log(tmp_path, RUNS[0], ["cart"])[0])
+    with pytest.raises(FileNotFoundError):
+        open_log(tmp_path, RUNS[1], ["cart"])

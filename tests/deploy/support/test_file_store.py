@@ -148,3 +148,16 @@ def test_failed_bundle_reports_the_reason_and_can_be_retried(bench: Bench, monke
         patched.setattr(Path, "write_bytes", lambda _path, _bytes: (_ for _ in ()).throw(OSError(28, "no room")))
         assert bench.bundle() == "failed: no room"
     assert str(bench.bundle()).startswith("2.zip ")
+
+
+def test_only_the_logs_of_its_own_robot_are_handed_out(bench: Bench) -> None:
+    mine, theirs = "cart-20261126T101500Z-12.mcap", "arm-20261126T101500Z-13.mcap"
+    for name in (mine, theirs):
+        (bench.logs / name).write_bytes(b"0")
+    bench.file_store = FileStore(bench.logs, bench.work, bench.make, lambda: bench.now_ns, robots=("cart",))
+    answer = bench.ask("logs")
+    assert isinstance(answer, list)
+    assert {line.split()[0] for line in answer} == {mine, "a.mcap"}
+    assert bench.ask(f"log/{mine}/0") == b"0"
+    assert bench.ask(f"log/{theirs}/0") is None
+    assert bench.ask(f"sha256/{theirs}/1") is None

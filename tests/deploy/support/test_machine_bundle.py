@@ -79,6 +79,14 @@ def test_the_newest_logs_that_fit(tmp_path: Path) -> None:
     assert newest_logs(tmp_path / "none", 1, 1) == Collected({}, [f"there is no log in {tmp_path / 'none'}"])
 
 
+def test_the_newest_log_may_be_wanted_of_one_robot(tmp_path: Path) -> None:
+    for age, robot in enumerate(("arm", "cart")):
+        (tmp_path / f"{robot}-20261126T101500Z-12.mcap").write_bytes(b"0")
+        os.utime(tmp_path / f"{robot}-20261126T101500Z-12.mcap", ns=(0, 10**18 - age))
+    assert list(newest_logs(tmp_path, 1, 9).files) == ["logs/arm-20261126T101500Z-12.mcap"]
+    assert list(newest_logs(tmp_path, 1, 9, ["cart"]).files) == ["logs/cart-20261126T101500Z-12.mcap"]
+
+
 def test_of_a_station_only_the_audit_log(tmp_path: Path) -> None:
     (tmp_path / "access.json").write_text(SECRET)
     (tmp_path / "audit.jsonl").write_text('{"who": "ann"}\n')

@@ -100,6 +100,6 @@ def test_each_end_notices_that_the_other_is_gone(ends: tuple[socket.socket, sock
 
 
 def test_what_is_no_key_is_passed_over(ends: tuple[socket.socket, socket.socket]) -> None:
-    for message in (b"x", b"\xff", b"UU", b"D"):
+    for message in (b"x", b"\xff", b"backback", b"back"):
         ends[1].send(message)
     assert list(LoopEnd(ends[0]).pressed()) == [Key.DOWN]

@@ -52,14 +52,14 @@ def test_what_cannot_be_pushed_is_not(pipe: tuple[int, int]) -> None:
     assert told(pipe[0]) == []
 
 
-def test_the_bus_is_broken_and_mended_in_turn(pipe: tuple[int, int]) -> None:
+def test_a_whole_bus_is_cut_and_a_cut_one_repaired(pipe: tuple[int, int]) -> None:
     rig = PlantControls(pipe[1], 10 * MS, runs, can_be_pushed=False)
     states = []
-    for _ in range(3):
-        rig.toggle_bus()
+    for do in (rig.repair_bus, rig.cut_bus, rig.cut_bus, rig.repair_bus, rig.cut_bus):
+        do()
         states.append(rig.is_bus_broken)
     assert told(pipe[0]) == ["cut", "heal", "cut"]
-    assert states == [True, False, True]
+    assert states == [False, True, True, False, True]
 
 
 def test_a_plant_that_takes_nothing_is_not_waited_for_and_a_push_ends_once_it_does(pipe: tuple[int, int]) -> None:
@@ -71,7 +71,7 @@ def test_a_plant_that_takes_nothing_is_not_waited_for_and_a_push_ends_once_it_do
             os.write(pipe[1], bytes(4096))
         except BlockingIOError:
             break
-    rig.toggle_bus()
+    rig.cut_bus()
     assert not rig.is_bus_broken
     for _ in range(5):
         rig.work()

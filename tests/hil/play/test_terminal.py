@@ -2,12 +2,14 @@
 """What a person sees."""
 
 import io
+import socket
 
 import msgspec
+import pytest
 from rich.console import Console
 
-from segway_ecc.hil.play.channel import Snapshot
-from segway_ecc.hil.play.terminal import picture
+from segway_ecc.hil.play.channel import Key, Snapshot
+from segway_ecc.hil.play.terminal import picture, pressed
 
 WELL = Snapshot(
     robot="segway",
@@ -56,8 +58,8 @@ def test_everything_is_reported_in_the_units_that_people_use() -> None:
         "one",
         "two",
         "",
-        "arrows drive   space rest   a arm   d disarm   s STOP   c clear fault",
-        "u stand up, sit down   p push   b break the bus   q quit",
+        "up, w ahead   down, s back   left, a left   right, d right   x rest   Esc, Space STOP",
+        "m arm   n disarm   c clear fault   u stand up   j sit down   p push   b cut the bus   q quit",
     ]
 
 
@@ -80,7 +82,7 @@ def test_what_is_absent_is_not_shown() -> None:
     assert "battery    -" in lines
     assert "ROS        not here" in lines
     assert "guard      has ended" in lines
-    assert not any("p push" in line or "posture" in line or "u stand" in line for line in lines)
+    assert not any("p push" in line or "posture" in line or "u stand" in line or "j sit" in line for line in lines)
     assert "links      can active   serial active" in lines
 
 
@@ -88,8 +90,35 @@ def test_a_bus_broken_by_hand_can_be_mended() -> None:
     lines = shown(msgspec.structs.replace(WELL, is_bus_broken=True))
 
     assert "links      can active   serial active   commands go over can   (bus broken by hand)" in lines
-    assert "b restore the bus" in lines[-2]
+    assert "r repair" in lines[-2]
+    assert "b cut the bus" not in lines[-2]
 
 
 def test_before_the_first_snapshot_it_waits() -> None:
     assert "the robot starts ..." in shown(None)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "keys"),
+    [
+        ([b"\x1b[A"], [Key.UP]),
+        ([b"\x1b", b"[A"], [Key.UP]),  # a slow line
+        ([b"\x1bO", b"A"], [Key.UP]),
+        ([b"\x1b"], [Key.STOP]),
+        ([b" "], [Key.STOP]),
+        ([b"w", b"\x1b"], [Key.UP]),  # the next is read the next time
+    ],
+)
+def test_a_key_that_comes_in_two_pieces_is_one(pieces: list[bytes], keys: list[Key]) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)  # a read takes one piece
+    with ours, theirs:
+        for piece in pieces:
+            theirs.send(piece)
+        assert pressed(ours.fileno()) == keys
+
+
+def test_a_terminal_that_is_gone_has_no_keys() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        theirs.close()
+        assert pressed(ours.fileno()) is None

@@ -75,6 +75,8 @@ class Client:
         async with asyncio.timeout(PATIENCE_S):
             while True:
                 found: dict[str, Any] = json.loads(await self._socket.receive_str())
+                if found["kind"] == "fleet":
+                    await self._socket.send_json({"kind": "seen", "time_s": found["time_s"]})
                 if is_wanted(found):
                     return found
 

@@ -145,7 +145,7 @@ def test_a_person_drives_rests_and_leaves_with_the_motors_off(player: Player) ->
     time.sleep(1.0)  # set-points that are not renewed have run out by then
     player.frames(LEFT_WHEEL)
     player.wait_for(LEFT_WHEEL, lambda data: velocity(data) > 0.5)
-    player.press(b" ")
+    player.press(b"x")
     player.wait_for(LEFT_WHEEL, lambda data: abs(velocity(data)) < 0.05)
     player.frames(COMMAND)
     player.press(b"q")
@@ -162,7 +162,7 @@ def test_a_person_drives_rests_and_leaves_with_the_motors_off(player: Player) ->
 
 def test_disarm_arm_stop_and_clear_are_obeyed(player: Player) -> None:
     armed(player)
-    for off, on in ((b"d", b"a"), (b"s", b"ca")):
+    for off, on in ((b"n", b"m"), (b" ", b"cm"), (b"\x1b", b"cm")):
         player.press(off)
         player.wait_for(COMMAND, lambda data: not is_enabled(data))
         player.press(on)

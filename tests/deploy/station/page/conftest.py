@@ -11,7 +11,7 @@ import pytest
 
 from tests.chromium import chromium
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import there
+from tests.deploy.station.page.page_waits import loaded
 from tests.deploy.station.page.robot_states import armed
 from tests.patience import PATIENCE_S
 
@@ -88,8 +88,7 @@ def _tab(browser: "Browser", **options: Any) -> Iterator[Tab]:
 def _opened(tab: Tab, url: str) -> "Iterator[Page]":
     tab.clean()
     tab.page.goto(url)
-    there(tab.page, "body[data-fresh=true]")
-    there(tab.page, "#robot:not([hidden])")
+    loaded(tab.page)
     yield tab.page
     tab.page.goto("about:blank")
     assert tab.complaints == []

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import shows
-from tests.deploy.station.page.robot_states import CHECKS, armed
+from tests.deploy.station.page.page_waits import shows, there
+from tests.deploy.station.page.robot_states import CHECKS, armed, lost
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -51,6 +51,25 @@ def test_targets_are_as_large_as_a_finger(full: "Page") -> None:
     )
     assert len(boxes) > 15
     assert [box for box in boxes if min(box[1:]) < 44] == []
+
+
+@pytest.mark.parametrize("why", ["the robot is lost", "the picture is stale"])
+def test_what_is_no_longer_valid_can_still_be_read(full: "Page", station: FakeStation, why: str) -> None:
+    """It is grey by its colours, whose contrast test_theme.py computes, and not by fading."""
+    if why == "the robot is lost":
+        station.robot(**lost())
+        there(full, "#robot[data-live=false]")
+    else:
+        station.fall_silent()
+        there(full, "body[data-fresh=false]")
+    faded = full.evaluate(
+        """() => {
+        const isFaded = (e) => e !== null && (Number(getComputedStyle(e).opacity) < 0.9 || isFaded(e.parentElement));
+        const hasWords = (e) => [...e.childNodes].some((node) => node.nodeType === Node.TEXT_NODE && node.data.trim());
+        return [...document.body.querySelectorAll(":not(svg *)")].filter((e) => hasWords(e) && e.checkVisibility()
+          && isFaded(e)).map((e) => e.outerHTML.slice(0, 90)); }"""
+    )
+    assert faded == []
 
 
 def test_nothing_hangs_over_the_edge(full: "Page") -> None:

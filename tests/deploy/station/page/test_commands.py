@@ -10,6 +10,7 @@ import pytest
 from segway_ecc.deploy.station.views import Act, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
 from tests.deploy.station.page.page_waits import gone, press, shows, there
+from tests.deploy.station.page.robot_states import armed, lost
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -48,7 +49,7 @@ def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, ac
     press(page, act)
     station.wait(lambda: station.commands)
     assert [(c.robot, c.act) for c in station.commands] == [("/alice", Act(act))]
-    shows(page, "#command-state", "Alice: done")
+    shows(page, "#command-state", "Alice /alice: done")
 
 
 @pytest.mark.variants(3)
@@ -57,7 +58,8 @@ def test_disabled_button_shows_reason(page: "Page", station: FakeStation, act: s
     fields, why = NOT_NOW[act]
     station.robot(**fields)
     there(page, f"[data-act={act}][aria-disabled=true]")
-    press(page, act)
+    page.focus(f"[data-act={act}]")
+    page.keyboard.press("Enter")
     shows(page, "#command-failure", why)
     assert page.evaluate("() => document.activeElement.dataset.act") == act, "it keeps the focus"
     station.wait_frames(2)
@@ -68,7 +70,7 @@ def test_a_command_waits_visibly_and_is_not_sent_twice(page: "Page", station: Fa
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
     there(page, "[data-act=disarm][aria-busy=true]")
-    shows(page, "#command-state", "Disarm Alice: requested")
+    shows(page, "#command-state", "Disarm Alice /alice: requested")
     press(page, "disarm")
     station.wait_frames(3)
     assert len(station.commands) == 1
@@ -79,7 +81,7 @@ def test_refusal_shows_robot_reason(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.ARM] = (False, "tilt: 0.31 rad from upright")
     shows(page, "#mode", "DISARMED")
     press(page, "arm")
-    shows(page, "#command-failure", "Arm Alice failed: tilt: 0.31 rad from upright")
+    shows(page, "#command-failure", "Arm Alice /alice failed: tilt: 0.31 rad from upright")
     assert page.get_attribute("#command-failure", "role") == "alert"
     there(page, "[data-act=arm]:not([aria-busy])")
 
@@ -87,7 +89,7 @@ def test_refusal_shows_robot_reason(page: "Page", station: FakeStation) -> None:
 def test_missing_answer_is_reported(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
-    shows(page, "#command-failure", "Disarm Alice failed: the base station did not answer")
+    shows(page, "#command-failure", "Disarm Alice /alice failed: the base station did not answer")
     there(page, "[data-act=disarm]:not([aria-busy])")
 
 
@@ -99,11 +101,72 @@ def test_a_connection_that_breaks_answers_what_was_asked(page: "Page", station: 
     shows(page, "#command-failure", "the connection broke before an answer came")
 
 
+def test_what_a_command_came_to_vanishes_with_the_connection(page: "Page", station: FakeStation) -> None:
+    press(page, "disarm")
+    shows(page, "#command-state", "Disarm Alice /alice: done")
+    station.wait_seen(5)
+    shows(page, "#command-state", "Disarm Alice /alice: done")
+    station.fall_silent()
+    gone(page, "#command-state")
+    station.go_on()
+    there(page, "body[data-fresh=true]")
+    assert page.inner_text("#command-state") == ""
+
+
+def test_what_a_command_came_to_vanishes_with_control(page: "Page", station: FakeStation) -> None:
+    press(page, "disarm")
+    shows(page, "#command-state", "Disarm Alice /alice: done")
+    station.wait_seen(2)
+    station.robot(controller="bert")
+    gone(page, "#command-state")
+
+
+def test_that_control_was_given_up_is_shown_until_somebody_has_it(page: "Page", station: FakeStation) -> None:
+    press(page, "release_control")
+    station.robot(controller="")
+    shows(page, "#command-state", "Release control Alice /alice: done")
+    station.wait_seen(5)
+    shows(page, "#command-state", "Release control Alice /alice: done")
+    station.robot(controller="bert")
+    gone(page, "#command-state")
+
+
 def test_stand_and_sit_are_there_where_a_robot_can(page: "Page", station: FakeStation) -> None:
     assert page.locator("[data-act=stand]").is_visible()
     station.robot(can_stand=False)
     gone(page, "[data-act=stand]")
     gone(page, "[data-act=sit]")
+
+
+def test_a_lost_robot_can_be_dismissed(page: "Page", station: FakeStation) -> None:
+    station.robot("/bob", **armed(name="Bob"))
+    shows(page, "#robots", "Bob")
+    gone(page, "[data-act=dismiss]")
+    station.robot(**lost())
+    there(page, "[data-act=dismiss]:not([aria-disabled])")
+    station.script.react = lambda asked: station.script.robots.pop(asked.robot)
+    press(page, "dismiss")
+    station.wait(lambda: station.commands)
+    assert [(c.robot, c.act) for c in station.commands] == [("/alice", Act.DISMISS)]
+    shows(page, "#command-state", "Dismiss Alice /alice: done")
+    shows(page, "#summary", "1 robot")
+    shows(page, "#no-robots", "/alice was not found. Choose a robot.")
+
+
+NOT_DISMISSED: dict[str, dict[str, object]] = {
+    "bert has control; take it first": {"controller": "bert"},
+    "Clear the stop first": {"stop": "requested", "stop_kept": True},
+}
+
+
+@pytest.mark.parametrize("why", NOT_DISMISSED)
+def test_why_a_lost_robot_cannot_be_dismissed(page: "Page", station: FakeStation, why: str) -> None:
+    station.robot(**{**lost(), **NOT_DISMISSED[why]})
+    there(page, "[data-act=dismiss][aria-disabled=true]")
+    press(page, "dismiss")
+    shows(page, "#command-failure", f"Dismiss: {why}")
+    station.wait_frames(2)
+    assert station.commands == []
 
 
 def test_a_viewer_sees_everything_and_commands_nothing_but_a_stop(page: "Page", station: FakeStation) -> None:

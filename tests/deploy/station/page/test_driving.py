@@ -31,6 +31,17 @@ def _is_at_rest(station: FakeStation) -> bool:
     return (last.linear, last.angular) == (0.0, 0.0)
 
 
+def _goes_by(station: FakeStation, linear: object, angular: object) -> None:
+    """This is asked for, as soon as what was asked for before has arrived, and goes on to be."""
+
+    def is_last() -> bool:
+        return bool(station.drives) and (station.drives[-1].linear, station.drives[-1].angular) == (linear, angular)
+
+    station.wait(is_last)
+    station.wait_drives(3)
+    assert is_last()
+
+
 def _ended(station: FakeStation) -> None:
     """Zero came, once, for the robot that was driven, and then nothing."""
     station.wait(lambda: _is_at_rest(station))
@@ -71,9 +82,7 @@ def test_keys_drive_within_the_limit_of_the_slider(
     """The slider stands at 30 %, the station allows 1 m/s and 2 rad/s."""
     for key in keys:
         page.keyboard.down(key)
-    station.wait_drives(3)
-    assert station.drives[-1].linear == pytest.approx(linear)
-    assert station.drives[-1].angular == pytest.approx(angular)
+    _goes_by(station, pytest.approx(linear), pytest.approx(angular))
 
 
 def test_the_slider_sets_the_speed(page: "Page", station: FakeStation) -> None:
@@ -118,8 +127,8 @@ ENDS: dict[str, Callable[[Any, FakeStation], object]] = {
     "the robot is in fault": lambda _, station: station.robot(mode="FAULT"),
     "another takes control": lambda _, station: station.robot(controller="bert"),
     "another stops it": lambda _, station: station.robot(stop="requested"),
-    "the picture is stale": lambda _, station: setattr(station.script, "sends", False),
-    "the picture stands still": lambda _, station: setattr(station.script, "ticks", False),
+    "the picture is stale": lambda _, station: station.fall_silent(),
+    "the picture stands still": lambda _, station: station.stand_still(),
 }
 
 
@@ -135,8 +144,7 @@ def test_the_hold_ends(page: "Page", station: FakeStation, way: str) -> None:
 
 def test_a_broken_socket_ends_the_hold_and_it_does_not_come_back_by_itself(page: "Page", station: FakeStation) -> None:
     _driving(page, station)
-    station.cut()
-    station.wait(lambda: station.sockets == 2)
+    station.reconnect()
     there(page, "body[data-fresh=true]")
     count = len(station.drives)
     station.wait_frames(10)
@@ -241,9 +249,7 @@ def test_the_joystick_drives_as_far_as_it_leans(
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + lean[0] * reach, y - lean[1] * reach)
-    station.wait_drives(3)
-    assert station.drives[-1].linear == pytest.approx(linear, abs=0.005)
-    assert station.drives[-1].angular == pytest.approx(angular, abs=0.01)
+    _goes_by(station, pytest.approx(linear, abs=0.005), pytest.approx(angular, abs=0.01))
 
 
 @pytest.mark.variants(2)

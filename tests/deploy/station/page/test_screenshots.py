@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The main states at both sizes and in both themes; nothing hangs over the edge, and nothing is too small to hit."""
+"""The main states at each size and in both themes; nothing hangs over the edge, and nothing is too small to hit."""
 
 import math
 from pathlib import Path
@@ -11,19 +11,27 @@ from segway_ecc.deploy.station.views import EventView, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
 from tests.deploy.station.page.page_waits import there
 from tests.deploy.station.page.robot_states import CHECKS, armed, lost
+from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 pytestmark = pytest.mark.browser
 
-SIZES = {"phone": (360, 740), "desktop": (1280, 800)}
+SIZES = {"phone": (360, 740), "landscape": (740, 360), "desktop": (1280, 800)}
+OFF: dict[str, object] = {"drives": "off", "posture": "RESTING"}
+"""A robot that has no torque balances nowhere."""
 STATES: dict[str, dict[str, object]] = {
     "armed": armed(),
-    "disarmed": armed(mode="DISARMED", reason="just started", drives="off", controller="", checklist=dict(CHECKS)),
+    "disarmed": armed(**OFF, mode="DISARMED", reason="just started", controller="", checklist=dict(CHECKS)),
     "hold": armed(mode="HOLD", reason="set-points fell silent"),
     "stopped": armed(
-        mode="FAULT", reason="stopped by ann", drives="off", is_zero=True, stop="confirmed", stop_after_s=0.0123
+        **OFF | {"posture": "FALLEN"},
+        mode="FAULT",
+        reason="stopped by ann",
+        is_zero=True,
+        stop="confirmed",
+        stop_after_s=0.0123,
     ),
     "lost": lost(),
     "sequence": armed(sequence=SequenceView(name="figure eight", fraction=0.42, state="running")),
@@ -32,9 +40,10 @@ STATES: dict[str, dict[str, object]] = {
 
 def _fill(station: FakeStation, state: dict[str, object]) -> None:
     station.robot("/alice", **state)
-    station.robot("/bob", **armed(name="Bob", mode="DISARMED", controller="", drives="off"))
+    station.robot("/bob", **armed(**OFF, name="Bob", mode="DISARMED", controller=""))
     station.robot("/carol", **lost() | {"name": "Carol", "age_s": 74.0})
-    station.robot("/dave", **armed(name="Dave", mode="FAULT", reason="tilt beyond the limit", controller="bert"))
+    fallen = OFF | {"posture": "FALLEN", "mode": "FAULT", "reason": "tilt beyond the limit"}
+    station.robot("/dave", **armed(**fallen, name="Dave", controller="bert"))
     for number, (text, level) in enumerate(
         [
             ("found", "info"),
@@ -71,6 +80,7 @@ def test_the_main_states_fit_the_screen(
 ) -> None:
     width, height = SIZES[size]
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+    context.set_default_timeout(PATIENCE_S * 1e3)
     tab = context.new_page()
     tab.goto(station.url)
     there(tab, "body[data-fresh=true]")
@@ -90,7 +100,7 @@ def test_the_main_states_fit_the_screen(
         stop = tab.locator("#stop").bounding_box()
         assert stop is not None
         assert stop["y"] + stop["height"] <= height, "STOP is out of sight"
-    station.script.sends = False
+    station.fall_silent()
     there(tab, "#stale:not([hidden])")
     tab.screenshot(path=pictures / f"no-station-{size}-{theme}.png")
     context.close()

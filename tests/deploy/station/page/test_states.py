@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: MIT
 """What the page shows of what the station tells."""
 
+import re
+import time
 from typing import TYPE_CHECKING
 
 import pytest
 
 from segway_ecc.deploy.station.views import EventView, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.page_waits import gone, shows, tells, there
+from tests.deploy.station.page.page_waits import drawn, gone, load_again, shows, shows_like, tells, there
 from tests.deploy.station.page.robot_states import CHECKS, armed, lost
+from tests.patience import PATIENCE_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -80,22 +83,33 @@ def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", stati
     station.robot("/bob", **armed(name="Bob"))
     station.robot(**lost())
     shows(page, "#mode", "LOST")
-    shows(page, "#reason", "No message for 3.4 s. It was ARMED: armed by ann")
-    shows(page, "#robots li:first-child", "for 3.4 s")
+    shows_like(page, "#reason", r"^No message for \d+\.\d s, since .+\. It was ARMED: armed by ann$")
+    shows_like(page, "#robots li:first-child .robot-age", r"^for \d+\.\d s$")
     station.robot(age_s=65.0)
-    shows(page, "#reason", "No message for 1 min 5 s")
+    shows_like(page, "#reason", r"^No message for 1 min \d+ s, since ")
     assert _figures(page)["Tilt, °"] == "\u2013"
+    assert _figures(page)["Drives"] == "\u2013", "nobody knows whether its motors are live"
     shows(page, "#plots-state", "stopped")
     assert page.get_attribute("#plots", "data-live") == "false"
     shows(page, "#summary", "2 robots \u00b7 1 lost")
-    tells(page, "#alarm", "Alice: LOST")
+    tells(page, "#alarm", "Alice /alice: LOST")
+
+
+def test_of_what_is_lost_is_shown_since_when(page: "Page", station: FakeStation) -> None:
+    station.robot(**{**lost(), "age_s": 3600.0})
+    for element in ("#reason", "#plots-state"):
+        shows(page, element, "1 h 0 min")
+        hour, minute, second = map(int, re.findall(r"\d\d(?=:)|(?<=:)\d\d", page.inner_text(element)))
+        now = time.localtime()
+        ago_s = (now.tm_hour - hour) * 3600 + (now.tm_min - minute) * 60 + now.tm_sec - second
+        assert 3595 <= ago_s % 86400 <= 3600 + PATIENCE_S
 
 
 def test_plots_of_a_lost_robot_stand_still_and_are_grey(page: "Page", station: FakeStation) -> None:
     there(page, "#plots[data-newest] canvas")
     station.robot(**lost())
     shows(page, "#plots-state", "stopped")
-    station.wait_frames(4)
+    drawn(page)
     newest = page.get_attribute("#plots", "data-newest")
     station.wait_frames(10)
     assert page.get_attribute("#plots", "data-newest") == newest
@@ -147,8 +161,7 @@ def test_events_come_newest_first_and_once(page: "Page", station: FakeStation) -
     for number in (1, 2):
         station.tell(EventView(number=number, wall_ns=number, robot="/alice", text=f"number {number}", level="error"))
     shows(page, "#events", "number 2")
-    station.cut()
-    station.wait(lambda: station.sockets == 2)
+    station.reconnect()
     station.tell(EventView(number=3, wall_ns=3, robot="", text="number 3", who="bert"))
     shows(page, "#events", "number 3 (bert)")
     assert [text.split("number ")[1][0] for text in page.locator("#events li").all_inner_texts()] == ["3", "2", "1"]
@@ -182,7 +195,7 @@ def test_robots_come_by_themselves_and_one_is_selected(page: "Page", station: Fa
     page.click("#robots button:has-text('Bob')")
     shows(page, "#robot-name", "Bob")
     assert page.get_attribute("#robots button[aria-current=true]", "aria-current") == "true"
-    page.reload()
+    load_again(page)
     shows(page, "#robot-name", "Bob")
 
 
@@ -192,7 +205,7 @@ def test_the_selection_never_moves_by_itself(page: "Page", station: FakeStation)
     station.robot("/aaron", **armed(name="Aaron"))
     shows(page, "#summary", "2 robots")
     station.wait_frames(3)
-    assert page.inner_text("#robot-name") == "Alice"
+    assert page.inner_text("#robot-name") == "Alice /alice"
     del station.script.robots["/alice"]
     shows(page, "#no-robots", "/alice was not found. Choose a robot.")
     gone(page, "#robot")
@@ -201,9 +214,9 @@ def test_the_selection_never_moves_by_itself(page: "Page", station: FakeStation)
 
 def test_screen_reader_announces_modes_and_not_numbers(page: "Page", station: FakeStation) -> None:
     station.robot(mode="HOLD", reason="set-points fell silent")
-    tells(page, "#announcer", "Alice: HOLD, set-points fell silent")
+    tells(page, "#announcer", "Alice /alice: HOLD, set-points fell silent")
     station.robot(mode="FAULT", reason="tilt")
-    tells(page, "#alarm", "Alice: FAULT, tilt")
+    tells(page, "#alarm", "Alice /alice: FAULT, tilt")
     live = page.locator("[aria-live]:not([aria-live=off]), [role=status], [role=alert]")
     assert live.locator(".readouts, table, .plots, #stale-age").count() == 0
 

@@ -8,7 +8,7 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act, TrialView
 from tests.deploy.station.page.fake_station import HELLO, FakeStation
-from tests.deploy.station.page.page_waits import gone, press_any, shows, there
+from tests.deploy.station.page.page_waits import gone, load_again, press_any, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -21,7 +21,7 @@ BACK = TrialView(name="recover", title="Bring it back", effect="everything is re
 
 def simulated(page: "Page", station: FakeStation, role: str = "operator") -> None:
     station.script.hello = msgspec.structs.replace(HELLO, role=role, trials=(CUT, BACK))
-    page.reload()
+    load_again(page)
     there(page, "#trials")
 
 
@@ -47,6 +47,8 @@ def test_one_at_a_time(page: "Page", station: FakeStation) -> None:
     there(page, "[data-trial=recover][aria-disabled=true]")
     press_any(page, "[data-trial=recover]")
     shows(page, "#command-failure", "Bring it back: Wait for what the last one led to")
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
     assert [command.name for command in station.commands] == ["cut"]
 
 

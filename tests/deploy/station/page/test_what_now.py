@@ -24,7 +24,7 @@ STEPS: dict[str, tuple[dict[str, object], str]] = {
     "checks": ({"mode": "DISARMED", "checklist": CHECKS}, "2 pre-arm checks fail: see below."),
     "hold": ({"mode": "HOLD"}, "It holds its place until it is driven."),
     "fault": (FALLEN, "When the cause is gone, press Clear and stand up."),
-    "lost": (lost(), "Nothing arrives from it: look at its power and its network."),
+    "lost": (lost(), "Nothing arrives from it: look at its power and its network, or dismiss it."),
 }
 
 
@@ -65,7 +65,7 @@ def test_where_it_is_refused_the_robot_stays_in_its_fault(page: "Page", station:
     station.robot(**FALLEN)
     there(page, "#way-back:not([aria-disabled])")
     press_any(page, "#way-back")
-    shows(page, "#command-failure", "Clear fault Alice failed: the bus is still cut")
+    shows(page, "#command-failure", "Clear fault Alice /alice failed: the bus is still cut")
     assert [command.act for command in station.commands] == [Act.CLEAR_FAULT]
 
 

@@ -7,6 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from tests.patience import PATIENCE_S
+
 
 def logs(folder: Path) -> None:
     """What lies around a log that may be fetched."""
@@ -23,7 +25,7 @@ async def raw(port: int, request: bytes) -> tuple[int, str]:
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(request)
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(PATIENCE_S):
             answer = await reader.read(4096)
     finally:
         await hang_up(writer)

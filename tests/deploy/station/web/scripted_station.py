@@ -3,7 +3,7 @@
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from segway_ecc.deploy.station.requests import Reply
 from segway_ecc.deploy.station.views import Command, Drive, EventView, FleetView, RobotView, TrialView
@@ -13,7 +13,8 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 class ScriptedStation:
     """Answers every command at once, from another thread, as the real one does."""
 
-    def __init__(self, robots: Sequence[RobotView] = ()) -> None:
+    def __init__(self, robots: Sequence[RobotView] = (), clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin with these robots; `clock` is what pictures are stamped with, s."""
         self.limits = Setpoint(1.0, 2.0)
         self.trials: Sequence[TrialView] = ()
         self.commands: list[tuple[str, Command]] = []
@@ -22,14 +23,15 @@ class ScriptedStation:
         self.answer = (True, "done")
         self.robots = robots
         self._events: list[EventView] = []
-        self._picture = FleetView(time_s=time.monotonic(), robots=robots)
+        self._clock = clock
+        self._picture = FleetView(time_s=clock(), robots=robots)
 
     def fleet(self) -> FleetView:
         return self._picture
 
     def tick(self) -> None:
         """A new picture."""
-        self._picture = FleetView(time_s=time.monotonic(), robots=self.robots)
+        self._picture = FleetView(time_s=self._clock(), robots=self.robots)
 
     def events(self, after: int) -> Sequence[EventView]:
         return self._events[after:]

@@ -3,6 +3,7 @@
 
 import asyncio
 import contextlib
+import zlib
 from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -18,6 +19,7 @@ from segway_ecc.deploy.station.web.site_address import bind, site_address_of
 from segway_ecc.deploy.support.archive_files import LogFile
 from segway_ecc.node.errors import NobodyListensError
 from tests.deploy.station.web.scripted_station import ScriptedStation
+from tests.patience import PATIENCE_S
 
 HEARTBEAT_S = 0.05
 
@@ -126,25 +128,32 @@ async def browser(
 
 
 async def receive(socket: aiohttp.ClientWebSocketResponse, kind: str) -> dict[str, Any]:
-    """The next message of a kind."""
-    async with asyncio.timeout(10.0):
+    """The next message of a kind; of a picture the station is told that it arrived, as the page does."""
+    async with asyncio.timeout(PATIENCE_S):
         while True:
             message = await socket.receive()
-            assert message.type is aiohttp.WSMsgType.TEXT, message
-            decoded: dict[str, Any] = msgspec.json.decode(message.data)
+            assert message.type in {aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY}, message
+            is_text = message.type is aiohttp.WSMsgType.TEXT
+            decoded: dict[str, Any] = msgspec.json.decode(message.data if is_text else zlib.decompress(message.data))
+            if decoded["kind"] == "fleet":
+                await socket.send_str(seen(decoded["time_s"]))
             if decoded["kind"] == kind:
                 return decoded
 
 
 async def closed(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:
     """Why the other side closed: the code and the reason."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(PATIENCE_S):
         while True:
             message = await socket.receive()
             if message.type is aiohttp.WSMsgType.CLOSE:
                 return message.data, str(message.extra)
             if message.type in {aiohttp.WSMsgType.CLOSED, aiohttp.WSMsgType.ERROR, aiohttp.WSMsgType.CLOSING}:
                 return socket.close_code, ""
+
+
+def seen(time_s: float) -> str:
+    return msgspec.json.encode({"kind": "seen", "time_s": time_s}).decode()
 
 
 def command(number: int, act: str = "arm", **fields: Any) -> str:

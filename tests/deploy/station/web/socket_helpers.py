@@ -10,10 +10,11 @@ from aiohttp import ClientSession, ClientWebSocketResponse
 from yarl import URL
 
 from tests.deploy.station.web.serving import Served, receive
+from tests.patience import PATIENCE_S
 
 
 async def until(condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(PATIENCE_S):
         while not condition():  # noqa: ASYNC110 - what is waited for is a script's, which has no events
             await asyncio.sleep(0.005)
 

@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.deploy.station.views import Act, Command, Drive
+from segway_ecc.deploy.station.views import Act, Command, Drive, Seen
 from segway_ecc.deploy.station.web.browser import RefusedMessageError, decode
 from segway_ecc.deploy.station.web.shared import Cause
 from tests.fuzzing import fuzzed
 
 MAX = (1.0, 2.0)
 COMMAND = {"kind": "command", "id": 1, "robot": "/alice", "act": "arm"}
+SEEN = {"kind": "seen", "time_s": 12.5}
 DRIVE = {"kind": "drive", "id": 1, "robot": "/alice", "linear": 0.5, "angular": -1.0}
 
 
@@ -23,11 +24,12 @@ def refusal(message: str) -> Cause:
     return refused.value.cause
 
 
-def test_a_command_and_a_set_point() -> None:
+def test_a_command_a_set_point_and_a_picture_that_was_seen() -> None:
     text = json.dumps({**COMMAND, "act": "play", "text": "a\nb", "name": "x"})
     assert decode(text, *MAX) == Command(id=1, robot="/alice", act=Act.PLAY, text="a\nb", name="x")
     assert decode(json.dumps(DRIVE), *MAX) == Drive(id=1, robot="/alice", linear=0.5, angular=-1.0)
     assert decode(json.dumps(DRIVE | {"linear": -1.0, "angular": 2}), *MAX) is not None
+    assert decode(json.dumps(SEEN), *MAX) == Seen(time_s=12.5)
 
 
 @pytest.mark.parametrize(
@@ -42,6 +44,9 @@ def test_a_command_and_a_set_point() -> None:
         (json.dumps(COMMAND) + "x", Cause.MALFORMED),
         (json.dumps(COMMAND | {"more": 1}), Cause.MALFORMED),
         (json.dumps(DRIVE | {"text": ""}), Cause.MALFORMED),
+        (json.dumps(SEEN | {"id": 1}), Cause.MALFORMED),
+        (json.dumps(SEEN | {"time_s": math.nan}), Cause.MALFORMED),
+        (json.dumps(SEEN | {"time_s": "1"}), Cause.MALFORMED),
         (json.dumps(COMMAND | {"act": "format"}), Cause.MALFORMED),
         (json.dumps(COMMAND | {"id": "1"}), Cause.MALFORMED),
         (json.dumps(COMMAND | {"id": 1.5}), Cause.MALFORMED),
@@ -83,7 +88,7 @@ NUMBERS = st.floats() | st.integers() | st.sampled_from([0.5, -1.0, 1e308, 5e-32
 FIELDS = st.fixed_dictionaries(
     {},
     optional={
-        "kind": st.sampled_from(["command", "drive", "hello"]) | JSON,
+        "kind": st.sampled_from(["command", "drive", "seen", "hello"]) | JSON,
         "id": st.integers() | JSON,
         "robot": st.sampled_from(["/alice", "/" * 257]) | JSON,
         "act": st.sampled_from(list(Act)) | JSON,
@@ -91,6 +96,7 @@ FIELDS = st.fixed_dictionaries(
         "name": JSON,
         "linear": NUMBERS | JSON,
         "angular": NUMBERS | JSON,
+        "time_s": NUMBERS | JSON,
         "extra": JSON,
     },
 )
@@ -101,6 +107,9 @@ def _holds(message: str) -> None:
     try:
         decoded = decode(message, *MAX)
     except RefusedMessageError:
+        return
+    if isinstance(decoded, Seen):
+        assert math.isfinite(decoded.time_s)
         return
     assert 0 < decoded.id < 2**53
     assert len(decoded.robot) <= 256
@@ -118,7 +127,7 @@ def test_fuzzed_message_is_valid_or_refused(message: str) -> None:
 
 
 @fuzzed
-@given(st.sampled_from([COMMAND, DRIVE]), st.data())
+@given(st.sampled_from([COMMAND, DRIVE, SEEN]), st.data())
 def test_mutated_message_is_valid_or_refused(message: dict[str, Any], data: st.DataObject) -> None:
     text = json.dumps(message)
     at = data.draw(st.integers(0, len(text)))

@@ -123,6 +123,26 @@ def test_the_page_of_logs_shows_the_stations_and_those_of_each_living_robot(
     asyncio.run(scenario())
 
 
+def test_of_the_stations_logs_those_of_other_robots_are_not_offered(tmp_path: Path, archive: ScriptedArchive) -> None:
+    ours, others = "Cart-20261126T101500Z-12.mcap", "arm-20261126T101500Z-13.mcap"
+    robots = [RobotView(robot="/alice", name="Cart")]
+
+    async def scenario() -> None:
+        async with (
+            served(tmp_path, station=ScriptedStation(robots), archive=archive) as here,
+            browser(here, "ann") as client,
+        ):
+            for name in (ours, others):
+                (here.folder / "logs" / name).write_bytes(b"own")
+            assert [log["name"] for log in (await _json(client, "/logs"))["logs"]] == [ours]
+            assert others not in await _page(client, "/logs")
+            for name, status in ((ours, 200), (others, 404)):
+                async with client.get(f"/logs/{name}") as answer:
+                    assert answer.status == status
+
+    asyncio.run(scenario())
+
+
 def test_a_log_is_fetched_then_downloaded(tmp_path: Path, archive: ScriptedArchive) -> None:
     path = "/robots/%2Falice/logs/a%3Cb%3E.mcap"
 

@@ -10,6 +10,7 @@ import pytest
 from tests.chromium import OPTIONS
 from tests.deploy.station.web.serving import served
 from tests.deploy.station.web.test_downloads import ScriptedArchive, alice_and_others
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.browser
 
@@ -27,6 +28,7 @@ def test_a_log_is_fetched_and_downloaded_by_hand(tmp_path: Path) -> None:
             await playwright.chromium.launch(**OPTIONS) as chromium,
         ):
             page = await chromium.new_page()
+            page.set_default_timeout(PATIENCE_S * 1e3)
             await page.goto(here.url)
             await _until(lambda: len(here.server.hub) > 0)
             await page.goto(f"{here.url}/logs")
@@ -46,6 +48,6 @@ def test_a_log_is_fetched_and_downloaded_by_hand(tmp_path: Path) -> None:
 
 
 async def _until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(PATIENCE_S):
         while not condition():  # noqa: ASYNC110 - the server tells nobody
             await asyncio.sleep(0.02)

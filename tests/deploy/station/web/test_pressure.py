@@ -15,6 +15,7 @@ from tests.deploy.station.web.attempts import OPERATOR
 from tests.deploy.station.web.raw_requests import hang_up, login, raw, still_answers
 from tests.deploy.station.web.serving import browser, command, served
 from tests.deploy.station.web.socket_helpers import asked, until
+from tests.patience import PATIENCE_S
 
 Tried = Callable[[str, str], None]
 _SLOW_BODY = (
@@ -200,7 +201,7 @@ async def _connect(port: int, address: str = "127.0.0.2") -> tuple[asyncio.Strea
 
 
 async def _assert_cut(reader: asyncio.StreamReader) -> None:
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(PATIENCE_S):
         with contextlib.suppress(ConnectionError):
             assert await reader.read() == b""
 
@@ -214,7 +215,7 @@ def test_silent_connection_is_closed(tmp_path: Path, tried: Tried) -> None:
             writer.write(b"GET / HTTP/1.1\r\nHost:")
             await asyncio.sleep(0.05)
             now[0] = 11_000_000_000
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(PATIENCE_S):
                 assert await reader.read() == b""
             assert here.refused() == {"silent connection": 1}
             await hang_up(writer)

@@ -111,6 +111,7 @@ def test_every_answer_carries_what_keeps_other_pages_out(tmp_path: Path) -> None
                     is_page = path == "/" or path.startswith("/static")
                     assert headers["Cache-Control"] == ("no-cache" if is_page else "no-store")
                     assert "Server" not in headers
+                    assert "Strict-Transport-Security" not in headers, "it means nothing without TLS (RFC 6797, 7.2)"
 
     asyncio.run(scenario())
 

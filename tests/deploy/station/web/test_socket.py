@@ -16,6 +16,7 @@ from segway_ecc.deploy.station.web.site_address import tls_context
 from tests.deploy.station.web.scripted_station import full_robot
 from tests.deploy.station.web.serving import browser, closed, command, drive, receive, served
 from tests.deploy.station.web.socket_helpers import asked, until
+from tests.patience import PATIENCE_S
 
 Tried = Callable[[str, str], None]
 OPERATOR, VIEWER = Role.OPERATOR, Role.VIEWER
@@ -36,6 +37,7 @@ def test_new_socket_receives_hello_events_and_picture(tmp_path: Path) -> None:
                     "drive_period_s": 0.1,
                     "max_linear": 1.0,
                     "max_angular": 2.0,
+                    "fresh_s": 1.0,
                     "trials": [],
                 }
                 assert (await receive(socket, "event"))["text"] == "before"
@@ -255,11 +257,12 @@ def test_inside_tls(tmp_path: Path, certificate: Path, tried: Tried) -> None:
             async with client.post("/login", json={"name": "ann", "token": token}) as answer:
                 assert answer.status == 204
                 assert "Secure" in answer.headers["Set-Cookie"]
+                assert answer.headers["Strict-Transport-Security"] == "max-age=31536000"
             async with client.ws_connect("/socket") as socket:
                 assert (await receive(socket, "hello"))["who"] == "ann"
             reader, writer = await asyncio.open_connection("127.0.0.1", here.port)
             writer.write(b"GET / HTTP/1.1\r\n\r\n")
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(PATIENCE_S):
                 assert not (await reader.read()).startswith(b"HTTP")
             writer.transport.abort()
             await until(lambda: here.refused() == {"bad HTTP": 1})

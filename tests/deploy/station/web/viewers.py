@@ -9,13 +9,23 @@ import aiohttp
 import msgspec
 
 
+class Picture(msgspec.Struct):
+    """All that a viewer needs of one."""
+
+    time_s: float
+
+
 async def _view(client: aiohttp.ClientSession, seconds: float, begin: asyncio.Barrier) -> float:
     async with client.ws_connect("/socket", max_msg_size=0) as socket:
         await begin.wait()
         begun_s, count = time.monotonic(), 0
         while time.monotonic() - begun_s < seconds:
             message = await socket.receive()
-            count += message.type is aiohttp.WSMsgType.TEXT and message.data.startswith('{"kind":"fleet"')
+            if message.type is not aiohttp.WSMsgType.TEXT or not message.data.startswith('{"kind":"fleet"'):
+                continue
+            count += 1
+            picture = msgspec.json.decode(message.data, type=Picture)
+            await socket.send_str(msgspec.json.encode({"kind": "seen", "time_s": picture.time_s}).decode())
         return count / (time.monotonic() - begun_s)
 
 
