@@ -24,3 +24,8 @@ def test_where_every_signal_is_valid_any_of_them_may_be_used(indices: list[int])
 @pytest.mark.parametrize(("duration", "periods"), [(0.1, 20), (0.001, 1), (0.012, 2), (0.013, 3)])
 def test_a_duration_is_at_least_one_period(duration: float, periods: int) -> None:
     assert periods_in(duration, 0.005) == periods
+
+
+def test_nobody_balances_or_idles_of_whom_it_is_not_said() -> None:
+    view = View((), (), 1)
+    assert (view.balances, view.is_idle, view.spins) == (False, False, False)

@@ -478,12 +478,29 @@ def test_a_wheel_that_spins_does_not_count_for_a_while_and_the_others_are_told(w
     assert not view.spins
 
 
+@pytest.mark.parametrize(("share", "spins"), [(0.32, False), (0.345, True)])
+def test_a_wheel_is_back_within_a_third_of_the_limit(share: float, *, spins: bool) -> None:
+    check = of_a_robot_that_is_up(SPINNING)
+    assert set(looks_up(check, [SPINS] * 5)) == {None}
+    view = View((share * SPINNING.velocity_m_s / RADIUS, 0.0, 0.0, 0.0, G), (True,) * 5, 1, balances=True)
+    assert check.look(view) is None
+    assert view.spins is spins
+
+
 @pytest.mark.parametrize(("settings", "periods"), [(SETTINGS, 1000), (SPINNING, 900)])
 def test_it_counts_without_the_setting_and_for_a_robot_that_has_not_been_up_for_long(
     settings: GravitySettings, periods: int
 ) -> None:
     check = of_a_robot_that_is_up(settings, periods=periods)
     assert None not in list(looks_up(check, [SPINS]))
+
+
+def test_the_other_wheel_of_a_body_that_turns_shows_how_the_axle_moves() -> None:
+    swing = list(moving(lambda t: 0.1 * math.sin(5.0 * t), lambda _: 0.0, 1.3))
+    for step in range(1246, 1267):  # as it turns fastest, by 0.5 rad/s
+        left, right, rate, x, z = swing[step]
+        swing[step] = (left + 24.0, right, rate, x, z)
+    assert set(looks_up(check_of(SPINNING), swing)) == {None}
 
 
 def test_nothing_is_learnt_while_a_wheel_spins() -> None:
