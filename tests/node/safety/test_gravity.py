@@ -503,6 +503,14 @@ def test_the_other_wheel_of_a_body_that_turns_shows_how_the_axle_moves() -> None
     assert set(looks_up(check_of(SPINNING), swing)) == {None}
 
 
+def test_after_a_gap_a_robot_has_not_been_up_for_long() -> None:
+    check = of_a_robot_that_is_up(SPINNING)
+    for _ in range(500):
+        assert check.look(View(REST, (False,) * 5, 1, balances=True)) is None
+    assert set(looks_up(check, [REST] * 900)) == {None}
+    assert None not in list(looks_up(check, [SPINS]))
+
+
 def test_nothing_is_learnt_while_a_wheel_spins() -> None:
     check = of_a_robot_that_is_up(SPINNING)
     off = (24.0, 3.0, 0.0, 0.0, G)  # 0.15 m/s, of which it would learn
