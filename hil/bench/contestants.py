@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +26,7 @@ from segway_ecc.hil.bench.samples import Samples, read_samples
 from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
 from segway_ecc.hil.processes import last_lines, module_words, program
 from segway_ecc.node.cycle.report import MODE_SUFFIX
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, RecordingError
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.safety.modes import Mode
@@ -84,7 +84,8 @@ class ProgramRun:
         share: CPU time of the process and its children for each second; 1 is a whole core.
         memory: What they held shortly before the end.
         report: What our own command printed as JSON.
-        fault: Why our loop was no longer armed at its end; None where it was. One that has given up does less.
+        fault: Why our loop was no longer armed at its end, or its log lacks cycles; None where neither is. One that has
+            given up does less, and so does one whose recorder does not keep up.
     """
 
     samples: Samples
@@ -117,15 +118,21 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
             share = (cpu_s(pids) - used_s) / (time.monotonic() - from_s)
             held = memory(pids)
             output = _ended(process, who)
-    if process.returncode != 0 or not samples.exists():
+    whole = {0, RecordingError.exit_code} if who is Contestant.OURS else {0}
+    if process.returncode not in whole or not samples.exists():
         why = f"ended with exit code {process.returncode}: {last_lines(messages)}"
         raise ConfigurationError(f"the program '{who}' {why}")
     report = msgspec.json.decode(output, type=dict[str, Any]) if who is Contestant.OURS else None
-    fault = None
-    if report is not None:
-        mode = next(values for name, values in report["diagnostics"].items() if name.endswith(MODE_SUFFIX))
-        fault = None if mode["mode"] == Mode.ARMED else str(mode["reason"])
+    fault = None if report is None else _fault(report, process.returncode)
     return ProgramRun(read_samples(samples), start_s, share, held, report, fault)
+
+
+def _fault(report: Mapping[str, Any], code: int) -> str | None:
+    """Why our loop did less than it should, by its report and its exit code."""
+    mode = next(values for name, values in report["diagnostics"].items() if name.endswith(MODE_SUFFIX))
+    if mode["mode"] != Mode.ARMED:
+        return str(mode["reason"])
+    return "its log lacks records" if code else None
 
 
 @contextlib.contextmanager
