@@ -34,14 +34,18 @@ def test_a_robot_that_drives_off_is_a_fault_after_the_way_that_it_may_be_pushed(
     assert drive(check, 1.3 * sign, 79) is None
     found = drive(check, 1.3 * sign, 2)
     assert found is not None
-    assert found.startswith(f"the robot runs away: it goes {1.3 * sign:.2f} m/s ahead, asked is 0.00 to 0.00 m/s, and")
+    assert found == (
+        f"the robot runs away: it goes {1.3 * sign:.2f} m/s ahead, asked is 0.00 to 0.00 m/s, and it came "
+        "0.80 m further than that"
+    )
 
 
-def test_what_is_asked_is_no_runaway_and_neither_is_resting() -> None:
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_is_asked_is_no_runaway_and_neither_is_resting(sign: float) -> None:
     check = runaway()
-    assert drive(check, 1.2, 1000, asked=1.0) is None
-    assert drive(check, 0.0, 1000, asked=1.0) is None
-    assert drive(check, -0.2, 1000, asked=1.0) is None
+    assert drive(check, 1.2 * sign, 1000, asked=sign) is None
+    assert drive(check, 0.0, 1000, asked=sign) is None
+    assert drive(check, -0.2 * sign, 1000, asked=sign) is None
 
 
 def test_the_other_way_than_asked_is_one() -> None:
@@ -51,8 +55,15 @@ def test_the_other_way_than_asked_is_one() -> None:
 def test_a_robot_has_time_to_settle() -> None:
     check = runaway()
     assert drive(check, 1.0, 200, asked=1.0) is None
-    assert drive(check, 1.0, 100, asked=0.0) is None, "what was asked within settle_s is still allowed"
+    assert drive(check, 1.2, 100, asked=0.0) is None, "what was asked within settle_s is still allowed"
     assert drive(check, 1.0, 130, asked=0.0) is not None
+
+
+def test_what_was_asked_before_it_had_to_follow_nothing_is_not_allowed_any_more() -> None:
+    check = runaway()
+    assert drive(check, 1.0, 10, asked=1.0) is None
+    assert drive(check, 0.0, asked=None) is None
+    assert drive(check, 1.2, 91, asked=0.0) is not None
 
 
 def test_a_push_that_ends_begins_anew() -> None:
