@@ -69,8 +69,7 @@ def is_plain_name(name: str) -> bool:
 
 def is_of_one_of(name: str, robots: Collection[str] | None) -> bool:
     """Whether a log may be one of these robots', or of any for None: its name is not that of another's run."""
-    robot = None if robots is None else robot_of_log(name)
-    return robot is None or robots is None or robot in robots
+    return robots is None or robot_of_log(name) in {None, *robots}
 
 
 def logs_in(folder: Path, robots: Collection[str] | None = None) -> list[LogFile]:

@@ -103,7 +103,7 @@ def _run(arguments: Sequence[str] | None) -> int:
                 words, ros_arguments = words[:at], words[at:]
             for word in words:
                 if word != printable(word):
-                    raise ConfigurationError(f"an argument is not UTF-8 text: '{printable(word)}'; rename the file")
+                    raise ConfigurationError(f"an argument is not UTF-8 text: '{word}'; rename the file")
             if not words:
                 sys.stderr.write(_FIRST_STEPS)
                 return ConfigurationError.exit_code

@@ -26,6 +26,7 @@ from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, pac
 from segway_ecc.node.cycle.real_time import real_time_loop
 from segway_ecc.node.errors import ConfigurationError, ModelFailedError, failure_text
 from segway_ecc.node.folders import state_folder
+from segway_ecc.node.recording.log_name import name_of_log
 
 _logger = logging.getLogger(__name__)
 _ROS_NAME: Final = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -189,8 +190,7 @@ def print_found(options: argparse.Namespace, document: object, text: str | Mappi
 
 def default_log(name: str) -> Path:
     """Where a run's log goes by default; see `state_folder`."""
-    stamp = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
-    return state_folder() / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
+    return state_folder() / "logs" / name_of_log(name, dt.datetime.now(dt.UTC), os.getpid())
 
 
 @contextlib.contextmanager
