@@ -15,7 +15,7 @@ class View:
         setpoint: The set-point in force, m/s and rad/s; None where the robot follows none.
         elapsed_s: The same to the nanosecond, s; None where it is not known.
         balances: Whether the robot does, and neither stands up nor lies.
-        is_idle: Whether no motor is sent anything.
+        sent: The commands that left in it; empty where nobody says.
         spins: Whether a wheel has lost the floor; the check that sees it says so to those after it.
     """
 
@@ -28,7 +28,7 @@ class View:
         elapsed_s: float | None = None,
         *,
         balances: bool = False,
-        is_idle: bool = False,
+        sent: Sequence[float] = (),
     ) -> None:
         """Show one cycle to every check."""
         self.values = values
@@ -37,9 +37,14 @@ class View:
         self.setpoint = setpoint
         self.elapsed_s = elapsed_s
         self.balances = balances
-        self.is_idle = is_idle
+        self.sent = sent
         self.spins = False
         self._is_complete = False not in valid
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no motor is sent anything."""
+        return bool(self.sent) and not any(self.sent)
 
     def has(self, indices: Sequence[int]) -> bool:
         """Whether all of these signals may be used."""

@@ -115,8 +115,8 @@ class SafetyMonitor:
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
         self.elapsed_s = elapsed_s
         self._start_ns = start_ns
-        periods, is_idle = max(round(elapsed_s / self._period_s), 1), bool(sent) and not any(sent)
-        view = View(values, valid, periods, setpoint, elapsed_s, balances=balances, is_idle=is_idle)
+        periods = max(round(elapsed_s / self._period_s), 1)
+        view = View(values, valid, periods, setpoint, elapsed_s, balances=balances, sent=sent)
         faults: list[str] = []
         for check in self._checks:
             fault = check.look(view)
@@ -134,7 +134,7 @@ class SafetyMonitor:
         if self._settings.posture is not None and self._tilt is not None:
             self.body = Body(self._tilt.estimate.tilt, self._is_still(values), view.periods)
         if self.residual is not None:
-            self.residual.look(view, sent, balances=balances)
+            self.residual.look(view)
         self.faults = faults
         return faults
 

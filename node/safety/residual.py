@@ -117,12 +117,9 @@ class ResidualMonitor:
         """The residual and the estimates, as they are published; see `SHOWN`."""
         return (self.residual, *self.estimates)
 
-    def look(self, view: View, sent: Sequence[float], *, balances: bool) -> None:
-        """Take a cycle, in which these commands left the robot, N m or V; see `warning`.
-
-        `balances` is whether the robot does, and neither stands up nor lies.
-        """
-        self.warning = None
+    def look(self, view: View) -> None:
+        """Take a cycle, with the commands that left the robot, N m or V; see `warning`."""
+        self.warning, sent = None, view.sent
         at = self._place = self._place + 1 if self._place + 1 < len(self._sent) else 0
         self._sent[at - 1] = sent[self._left_sent] + sent[self._right_sent]
         torque = self._sent[at]  # the oldest
@@ -136,7 +133,7 @@ class ResidualMonitor:
         self._felt, felt = felt, 0.5 * (self._felt + felt)
         ahead, swing = self._filter(torque, values[self._left], values[self._right], rate, felt)
         z = self._x2 - self._height * swing - ahead
-        if not balances:
+        if not view.balances:
             self._waits = self._settles
         if self._waits:
             self._waits -= 1

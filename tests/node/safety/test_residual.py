@@ -62,7 +62,7 @@ def drive(
 def looked(watch: ResidualMonitor, motion: Iterator[tuple[Sequence[float], float]]) -> list[str]:
     said = []
     for values, torque in motion:
-        watch.look(View(values, (True,) * len(values), 1), (torque, torque), balances=True)
+        watch.look(View(values, (True,) * len(values), 1, balances=True, sent=(torque, torque)))
         said += [] if watch.warning is None else [watch.warning]
     return said
 
@@ -76,7 +76,7 @@ def test_the_numbers_are_published_with_their_names_and_units_and_begin_with_no_
 def test_a_warning_is_there_for_one_cycle() -> None:
     watch, found = monitor(), []
     for values, torque in drive(40.0, slope=0.05):
-        watch.look(View(values, (True,) * len(values), 1), (torque, torque), balances=True)
+        watch.look(View(values, (True,) * len(values), 1, balances=True, sent=(torque, torque)))
         found.append(watch.warning)
     assert len([warning for warning in found if warning is not None]) == 1
 
@@ -120,22 +120,24 @@ def test_pushes_are_not_learnt_from() -> None:
     watch = monitor()
     for step, (values, torque) in enumerate(drive(40.0)):
         pushed = 0.5 * 20.0 * RADIUS if step % 1000 < 200 else 0.0  # 20 N for a second, every five
-        watch.look(View(values, (True,) * len(values), 1), (torque - pushed, torque - pushed), balances=True)
+        watch.look(View(values, (True,) * len(values), 1, balances=True, sent=(torque - pushed, torque - pushed)))
         assert watch.warning is None
 
 
 def test_nothing_is_learnt_from_a_robot_that_does_not_balance_or_is_not_measured() -> None:
     lying, blind = monitor(), monitor()
     for values, torque in drive(20.0, slope=0.2):
-        lying.look(View(values, (True,) * len(values), 1), (torque, torque), balances=False)
-        blind.look(View(values, (False,) * len(values), 1), (torque, torque), balances=True)
+        lying.look(View(values, (True,) * len(values), 1, balances=False, sent=(torque, torque)))
+        blind.look(View(values, (False,) * len(values), 1, balances=True, sent=(torque, torque)))
     assert lying.estimates == blind.estimates == [0.0] * 4
 
 
 def test_a_late_cycle_begins_anew() -> None:
     watch = monitor()
     for step, (values, torque) in enumerate(drive(20.0, slope=0.2)):
-        watch.look(View(values, (True,) * len(values), 2 if step % 50 == 0 else 1), (torque, torque), balances=True)
+        watch.look(
+            View(values, (True,) * len(values), 2 if step % 50 == 0 else 1, balances=True, sent=(torque, torque))
+        )
     assert watch.estimates == [0.0] * 4
 
 
@@ -144,7 +146,7 @@ def test_of_a_voltage_the_motor_makes_the_torque() -> None:
     watch = monitor(replace(SETTINGS, motor=MotorSettings(resistance=resistance, constant=constant)))
     for values, torque in drive(30.0, slope=0.05):
         volts = resistance * torque / constant + constant * values[0]
-        watch.look(View(values, (True,) * len(values), 1), (volts, volts), balances=True)
+        watch.look(View(values, (True,) * len(values), 1, balances=True, sent=(volts, volts)))
     assert watch.deviations.warned == [False, True, False, False]
 
 
@@ -153,7 +155,7 @@ def test_commands_count_after_the_delay() -> None:
     watches = {delay_s: monitor(replace(SETTINGS, delay_s=delay_s)) for delay_s in (0.0, 0.05)}
     for watch in watches.values():
         for (values, _), command in zip(drive(30.0), sent[10:], strict=False):  # it acts ten cycles later
-            watch.look(View(values, (True,) * len(values), 1), command, balances=True)
+            watch.look(View(values, (True,) * len(values), 1, balances=True, sent=command))
     assert abs(watches[0.05].estimates[0]) < 0.01
     assert abs(watches[0.0].estimates[0]) > 0.05
 
@@ -173,8 +175,8 @@ def test_the_monitor_compares_with_the_commands_at_their_places() -> None:
     commands = ("spare", "left.torque", "right.torque")
     whole, alone = SafetyMonitor(settings, signals, (), 5_000_000, commands), monitor()
     for cycle, (values, torque) in enumerate(drive(1.0, mass=1.0)):
-        view = View(values, [True] * len(values), 1, None, PERIOD_S)
-        alone.look(view, (torque, torque), balances=True)
+        view = View(values, [True] * len(values), 1, None, PERIOD_S, balances=True, sent=(torque, torque))
+        alone.look(view)
         measured = (*values, 0.0, GRAVITY)
         whole.look(measured, [True] * 8, cycle * 5_000_000, 0, None, (9.0, torque, torque), balances=True)
     assert whole.residual is not None

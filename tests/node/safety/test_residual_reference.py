@@ -177,8 +177,8 @@ def test_residual_and_estimates_are_those_of_the_equations(settings: ResidualSet
     residuals, estimates = [], []
     for cycle in cycles:
         held = watch.estimates
-        view = View(cycle.measured, (cycle.is_valid,) * 4, cycle.periods)
-        watch.look(view, cycle.sent, balances=cycle.balances)
+        valid = (cycle.is_valid,) * 4
+        watch.look(View(cycle.measured, valid, cycle.periods, balances=cycle.balances, sent=cycle.sent))
         if cycle.periods == 1 and cycle.is_valid:
             residuals.append(watch.residual)
         if watch.estimates is not held:
