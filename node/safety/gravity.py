@@ -175,7 +175,7 @@ class GravityCheck(Check):
         rate, x, z = values[self._gyro], values[self._x], values[self._z]
         left, right = self._radius * values[self._left], self._radius * values[self._right]
         if self._spin is not None:
-            self._spin.begin(left, right)
+            self._spin.begin()
         self.is_credible = self._is_running = self._is_heavy(values)
         self._pitch, self._rate, self._offset = atan2(-x, z), rate, 0.0
         self._calm = self._rests = 0

@@ -66,15 +66,14 @@ class SpinWatch:
         self._likely_for, self._most_idle = periods_in(_LIKELY_S, period_s), periods_in(_IDLE_S, period_s)
         self._least_unfelt, self._most_unfelt = _UNFELT * period_s, periods_in(_UNFELT_S, period_s)
         self._turn_part = period_s / _TURN_S
-        self.begin(0.0, 0.0)
-
-    def begin(self, left: float, right: float) -> None:
-        """Begin anew with both wheels' velocities, m/s."""
         self.is_on = self._is_lifted = False
         self.fault: str | None = None
-        self._left, self._right, self._shown, self._turn = left, right, 0.0, 0.0
-        self._up = self._since = self._spent = self._lasts = self._alike = 0
-        self._unfelt = self._likely = self._idle = 0
+        self._left = self._right = self._shown = self._turn = 0.0
+        self._up = self._since = self._spent = self._lasts = self._alike = self._unfelt = self._likely = self._idle = 0
+
+    def begin(self) -> None:
+        """Begin anew: all that counts is learnt again before the robot has been up for long enough to spin."""
+        self._up = 0
 
     def look(  # noqa: PLR0913 - what there is of a cycle
         self, left: float, right: float, shown: float, periods: int, *, balances: bool, is_held: bool, is_idle: bool
@@ -90,20 +89,26 @@ class SpinWatch:
         self._left, self._right, self._shown, self.fault = left, right, shown, None
         self._since += periods
         self._up = self._up + periods if balances else 0
-        self._look_for_unfelt(left_gain, right_gain, felt, periods)
         self._idle = self._idle + periods if is_idle else 0
-        if rest and self._likely and self._idle >= self._most_idle and self._up >= self._within:
+        self._look_for_unfelt(left_gain, right_gain, felt, periods)
+        is_up, is_credible = self._up >= self._within, abs(left) < _FASTEST and abs(right) < _FASTEST
+        if is_up and rest and self._likely and self._idle >= self._most_idle:
             self._is_lifted = self.is_on = True
             self._end()
-            return 0.5 * (left + right)
-        begins = (gains or self.is_on) and self._up >= self._within  # hardly ever
-        if not begins or not (abs(left) < _FASTEST and abs(right) < _FASTEST):
+        elif not (is_up and is_credible and (gains or self.is_on)):  # nearly always
             self.is_on = self._is_lifted = False
-            turn = 0.5 * (right - left)
-            if abs(turn) < _MOST_TURN:
-                self._turn += self._turn_part * periods * (turn - self._turn)
-            return 0.5 * (left + right)
-        left, right = left + self._turn, right - self._turn
+            self._learn_turn(0.5 * (right - left), periods)
+        else:
+            spins_alike = is_held and self._gain_alike(left_gain, right_gain, periods)
+            return self._by_what_rolls(
+                left + self._turn, right - self._turn, shown, periods, rest=rest, may_be_lifted=spins_alike
+            )
+        return 0.5 * (left + right)
+
+    def _by_what_rolls(  # noqa: PLR0913 - what there is of a spin
+        self, left: float, right: float, shown: float, periods: int, *, rest: bool, may_be_lifted: bool
+    ) -> float:
+        """The axle's velocity, m/s, during a spin, by wheels as fast as they were if the robot did not turn."""
         left_off, right_off = left - shown, right - shown
         left_rolls, right_rolls = abs(left_off) < self._near, abs(right_off) < self._near
         if left_rolls and right_rolls and not self._is_lifted:
@@ -115,8 +120,8 @@ class SpinWatch:
                 self._spent = 0
         self._lasts += periods
         self._spent += periods
-        spin = not (left_rolls or right_rolls) and left * left_off > 0.0 and right * right_off > 0.0
-        if spin and is_held and _are_alike(left_off, right_off) and self._gain_alike(left_gain, right_gain, periods):
+        both_spin = not (left_rolls or right_rolls) and left * left_off > 0.0 and right * right_off > 0.0
+        if both_spin and may_be_lifted and _are_alike(left_off, right_off):
             self._alike += periods
             self._is_lifted = self._is_lifted or self._alike >= self._most_alike
         else:
@@ -127,6 +132,11 @@ class SpinWatch:
         if left_rolls:
             return left
         return right if right_rolls else shown
+
+    def _learn_turn(self, turn: float, periods: int) -> None:
+        """Learn what a turn adds to the right wheel, m/s."""
+        if abs(turn) < _MOST_TURN:
+            self._turn += self._turn_part * periods * (turn - self._turn)
 
     def _look_for_unfelt(self, left: float, right: float, felt: float, periods: int) -> None:
         """Note that both wheels have gained speed for long, m/s now, which the IMU does not feel to be the robot's."""

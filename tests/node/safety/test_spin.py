@@ -15,8 +15,10 @@ BEFORE = 200
 LIFTED = "both wheels have lost the floor: the robot is lifted"
 
 
-def watch_of_a_robot_that_is_up(periods: int = BEFORE) -> SpinWatch:
-    watch = SpinWatch(LONGEST * PERIOD_S, 0.4, PERIOD_S)
+def watch_of_a_robot_that_is_up(
+    periods: int = BEFORE, *, near: float = 0.4, period_s: float = PERIOD_S, longest: int = LONGEST
+) -> SpinWatch:
+    watch = SpinWatch(longest * period_s, near, period_s)
     for _ in range(periods):
         assert look(watch, 0.0, 0.0) == 0.0
     return watch
@@ -238,8 +240,9 @@ def test_it_begins_only_once_the_robot_has_been_up_for_a_second() -> None:
     assert look(watch, 2.0, 0.0) == 1.0
     assert not watch.is_on
     watch.look(2.0, 0.0, 0.0, 1, balances=False, is_held=True, is_idle=False)
-    for _ in range(BEFORE - 1):
+    for _ in range(BEFORE - 2):
         look(watch, 0.0, 0.0)
+    look(watch, 1.0, 0.0)
     assert not watch.is_on
     look(watch, 2.0, 0.0)
     assert watch.is_on
@@ -276,9 +279,231 @@ def test_what_no_wheel_does_counts(speed: float) -> None:
     assert look(watch, 2.0, 0.0) == 0.0, "it was not learnt as a turn"
 
 
+def test_nothing_spins_at_first() -> None:
+    watch = SpinWatch(LONGEST * PERIOD_S, 0.4, PERIOD_S)
+    assert (watch.is_on, watch.fault) == (False, None)
+
+
 def test_it_forgets_what_was_as_it_begins_anew() -> None:
     watch = watch_of_a_robot_that_is_up()
     look(watch, 2.0, 2.0)
-    watch.begin(2.0, 2.0)
-    assert look(watch, 4.0, 4.0) == 4.0
+    watch.begin()
+    for place in range(BEFORE - 1):
+        assert look(watch, *((4.0, 4.0) if place % 2 else (2.0, 2.0))) in (2.0, 4.0)
+        assert not watch.is_on
+    look(watch, 4.0, 4.0)
+    look(watch, 2.0, 2.0)
+    assert watch.is_on
+
+
+EXACT_S = 1.0 / 1024.0
+"""A period in which gains of whole numbers, m/s2, are exact."""
+SPINS = 45.0
+UNFELT = 12.0
+HARDLY = 20.0
+
+
+def watch_of_exact_periods(near: float = 0.5) -> SpinWatch:
+    return watch_of_a_robot_that_is_up(1024, near=near, period_s=EXACT_S, longest=102)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize(("gain", "is_on"), [(SPINS, False), (SPINS + 0.125, True)])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_a_wheel_spins_that_gains_more_than_45_m_s2(side: int, gain: float, periods: int, *, is_on: bool) -> None:
+    watch = watch_of_exact_periods(near=1e-9)
+    speeds = [0.0, 0.0]
+    speeds[side] = gain * EXACT_S * periods
+    look(watch, *speeds, periods=periods)
+    assert watch.is_on is is_on
+
+
+@pytest.mark.parametrize(
+    ("gain", "share", "periods", "idle", "lifted"),
+    [
+        (UNFELT, 0.0, 15, 20, True),
+        (UNFELT - 0.125, 0.0, 15, 20, False),
+        (UNFELT, 0.5, 15, 20, True),
+        (16.0, 0.53125, 15, 20, False),
+        (UNFELT, 0.0, 14, 20, False),
+        (UNFELT, 0.0, 15, 19, False),
+    ],
+)
+@pytest.mark.parametrize("already", [0.0, 3.0])
+def test_what_both_gain_and_the_imu_does_not_feel_has_limits(  # noqa: PLR0913 - each limit in turn
+    gain: float, share: float, periods: int, idle: int, already: float, *, lifted: bool
+) -> None:
+    watch = watch_of_exact_periods()
+    look(watch, 0.0, 0.0, shown=already)
+    for place in range(1, periods + 1):
+        speed = place * gain * EXACT_S
+        look(watch, speed, speed, shown=already + share * speed)
+    shown = already + share * speed
+    look(watch, speed, speed, shown=shown)
+    for _ in range(idle - 1):
+        look(watch, 0.0, 0.0, shown=shown, idle=True)
+    assert watch.fault is None
+    assert look(watch, 0.0625, 0.03125, shown=shown, idle=True) == 0.046875 or not lifted
+    assert watch.fault == (LIFTED if lifted else None)
+
+
+@pytest.mark.parametrize(("gain", "lifted"), [(UNFELT, True), (UNFELT - 0.125, False)])
+def test_what_both_gain_over_several_periods_is_held_against_all_of_them(gain: float, *, lifted: bool) -> None:
+    watch = watch_of_exact_periods()
+    for place in range(1, 6):
+        speed = 3 * place * gain * EXACT_S
+        look(watch, speed, speed, periods=3)
+    for _ in range(7):
+        look(watch, 0.0, 0.0, periods=3, idle=True)
+    assert watch.fault == (LIFTED if lifted else None)
+
+
+def test_gains_that_are_felt_in_between_do_not_add_up_to_unfelt_ones() -> None:
+    watch = watch_of_exact_periods()
+    speed = 0.0
+    for place in range(29):
+        speed += UNFELT * EXACT_S
+        look(watch, speed, speed, shown=speed if place == 14 else 0.0)
+    look(watch, speed, speed)
+    for _ in range(30):
+        look(watch, 0.0, 0.0, idle=True)
+        assert watch.fault is None
+
+
+@pytest.mark.parametrize("speeds", [(0.1, 0.0), (0.0, 0.1)])
+def test_wheels_of_a_robot_that_gave_up_rest_both_before_it_is_lifted(speeds: tuple[float, float]) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for place in range(1, 4):
+        look(watch, place * 0.07, place * 0.07)
+    for _ in range(20):
+        look(watch, *speeds, idle=True)
+        assert watch.fault is None
+    assert look(watch, 0.0, 0.0, idle=True) == 0.0
+    assert watch.fault == LIFTED
+
+
+@pytest.mark.parametrize("speeds", [(0.1, 0.0), (0.0, 0.1)])
+def test_wheels_of_a_lifted_robot_rest_both_before_it_says_so(speeds: tuple[float, float]) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(6):
+        look(watch, 2.0, 2.0)
+    look(watch, *speeds)
+    assert (watch.is_on, watch.fault) == (True, None)
+
+
+@pytest.mark.parametrize("speeds", [(10.0, 0.0), (0.0, 10.0)])
+def test_no_wheel_goes_10_m_s(speeds: tuple[float, float]) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    assert look(watch, *speeds) == 5.0
+    assert not watch.is_on
+    look(watch, 0.0, 0.0)
+    look(watch, *(0.99 * speed for speed in speeds))
+    assert watch.is_on
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_wheel_rolls_that_is_near_to_the_imu(side: int) -> None:
+    shown = 1.0
+    for off, axle in ((0.25, 1.25), (-0.25, 0.75), (0.5, shown), (-0.5, shown)):
+        speeds = [3.0, 3.0]
+        speeds[side] = shown + off
+        assert look(watch_of_exact_periods(), *speeds, shown=shown) == axle
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_turn_is_taken_off_the_wheel_that_rolls(side: int) -> None:
+    watch = turning(0.15)
+    speeds = [2.0, 2.0]
+    speeds[side] = 0.15 if side else -0.15
+    assert look(watch, *speeds) == pytest.approx(0.0, abs=1e-4)
+    assert watch.is_on
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        (1.5, 0.39),  # that one rolls
+        (0.39, 1.5),
+        (5.0, 1.0),  # so far apart
+        (1.0, 5.0),
+    ],
+)
+def test_both_are_lifted_only_where_both_spin_alike(left: float, right: float) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(10):
+        look(watch, left, right)
+    look(watch, 0.0, 0.0)
+    assert watch.fault is None
+
+
+@pytest.mark.parametrize(("left", "right"), [(3.0, 1.0), (1.0, 3.0)])
+def test_both_spin_alike_up_to_four_fifths_of_the_faster(left: float, right: float) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(6):
+        look(watch, left, right)
+    look(watch, 0.0, 0.0)
+    assert watch.fault == LIFTED
+
+
+@pytest.mark.parametrize(("left", "right"), [(0.0, 0.5), (0.5, 0.0)])
+def test_a_wheel_that_stands_while_the_body_moves_does_not_spin(left: float, right: float) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    look(watch, 2.0, 2.0, shown=-1.0)
+    for _ in range(10):
+        look(watch, left, right, shown=-1.0)
+    look(watch, 0.0, 0.0)
+    assert watch.fault is None
+
+
+def test_what_spins_alike_in_turns_with_something_else_does_not_add_up() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for place in range(11):
+        look(watch, 2.0, 2.0, held=place != 5)
+    look(watch, 0.0, 0.0)
+    assert watch.fault is None
+
+
+@pytest.mark.parametrize(("gain", "lifted"), [(HARDLY - 0.5, True), (HARDLY, False)])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_both_gain_alike_or_hardly_at_all(gain: float, side: int, periods: int, *, lifted: bool) -> None:
+    watch = watch_of_exact_periods()
+    for place in range(1 + -(-30 // periods)):
+        speeds = [2.0, 2.0]
+        speeds[side] += gain * EXACT_S * periods * (place % 2)
+        look(watch, *speeds, periods=periods)
+    look(watch, 0.0, 0.0)
+    assert watch.fault == (LIFTED if lifted else None)
+
+
+def test_a_spin_that_is_over_leaves_the_mean_of_both_wheels() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(LONGEST - 1):
+        assert look(watch, 2.0, 1.0) == 0.0
+    assert look(watch, 2.0, 1.0) == 1.5
+    assert not watch.is_on
+
+
+@pytest.mark.parametrize(("apart", "adds_up"), [(BEFORE, False), (BEFORE - 1, True)])
+def test_spins_a_second_apart_do_not_add_up(apart: int, *, adds_up: bool) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(6):
+        look(watch, 2.0, 0.0)
+        spins_for(watch, 2.0, 0.0)
+        fault = watch.fault
+        for place in range(apart - 1):
+            shown = 0.5 if place == 1 else 0.0  # both gain what the IMU shows: no spin
+            look(watch, shown, shown, shown=shown)
+    assert (fault is not None) is adds_up
+
+
+def test_what_spins_as_the_robot_was_just_found_lifted_is_judged_by_itself() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    for _ in range(6):
+        look(watch, 2.0, 2.0)
+    faults = []
+    for speed in (0.0, 2.0, 0.0):
+        look(watch, speed, 0.0)
+        faults.append(watch.fault)
+    assert faults == [LIFTED, None, None]
     assert not watch.is_on
