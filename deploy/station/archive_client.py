@@ -14,7 +14,7 @@ import urllib.parse
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.deploy.release.agent.files import sha256_of
 from segway_ecc.deploy.support.archive_files import (
@@ -34,7 +34,6 @@ from segway_ecc.deploy.support.archive_files import (
     open_log,
     parameter_name,
 )
-from segway_ecc.deploy.support.archive_service import ArchiveCalls
 from segway_ecc.node.errors import NobodyListensError
 
 _MOST_KEPT_BYTES: Final = 4 * 1024**3
@@ -52,6 +51,20 @@ _PATIENCE_S: Final = 180.0
 
 class FetchError(NobodyListensError):
     """A file could not be fetched; what is here already is kept and resumed from."""
+
+
+class Archives(Protocol):
+    """Reads from the archives of robots; `deploy.support.archive_service.ArchiveCalls` does, over ROS."""
+
+    def ask(self, robot: str, name: str) -> Value:
+        """The value of a parameter of the archive in a namespace; waits a few seconds at most.
+
+        Raises:
+            NobodyListensError: There is no archive, or it gave no answer.
+        """
+
+    def close(self) -> None:
+        """Fail what is waited for, and whatever is asked later."""
 
 
 class _Archive(NamedTuple):
@@ -124,7 +137,7 @@ class ArchiveClient:
 
     def __init__(
         self,
-        calls: ArchiveCalls,
+        calls: Archives,
         folder: Path,
         *,
         most_bytes: int = _MOST_KEPT_BYTES,

@@ -8,14 +8,23 @@ from segway_ecc.node.ros.runtime import require_ros
 
 
 def require_station() -> None:
-    """Make sure that the page can be served, and robots be reached.
+    """Make sure that the page can be served, and robots be reached over ROS.
 
     Raises:
         ConfigurationError: What serves it is not installed.
         RosUnavailableError: ROS is missing.
     """
+    require_page()
+    require_ros()
+
+
+def require_page() -> None:
+    """Make sure that the page can be served.
+
+    Raises:
+        ConfigurationError: What serves it is not installed.
+    """
     if importlib.util.find_spec("aiohttp") is None:
         raise ConfigurationError(
             "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
         )
-    require_ros()

@@ -32,7 +32,7 @@ from segway_ecc.node.cycle.trajectory import Trajectory
 from segway_ecc.node.errors import exception_text, shortened
 from segway_ecc.node.ros.messages import RosObject, decode_message, duration, message_type, stamp_ns
 from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE
-from segway_ecc.node.ros.runtime import UNKNOWN_NODE
+from segway_ecc.node.ros.runtime import UNKNOWN_NODE, ros_node
 from segway_ecc.node.ros.trajectories import (
     STATUS_TOPIC,
     STATUS_TYPE,
@@ -231,15 +231,15 @@ def _read_mode(message: RosObject) -> RobotMessage | None:
 
 
 class RosBridge:
-    """Belongs to the ROS thread; has the connection to each robot, by namespace."""
+    """Has the connection to each robot, by namespace; see `deploy.station.network.RobotNetwork`."""
 
-    def __init__(self, handler: CommandHandler, beats: Heartbeats | None, events: EventLog) -> None:
-        """Pass what is received to `handler`; send `beats`, or none where it only watches."""
+    def __init__(self, node: RosObject, handler: CommandHandler, beats: Heartbeats | None, events: EventLog) -> None:
+        """Pass what `node` receives to `handler`; send `beats`, or none where it only watches."""
         self.connections: dict[str, RosRobotConnection] = {}
         self._handler = handler
         self._beats = beats
         self._events = events
-        self._node: RosObject = None
+        self._node = node
         self._polled_ns = time.monotonic_ns()
         self._discovered_ns = -_DISCOVER_EVERY_NS
         self._turns = itertools.count()
@@ -251,10 +251,6 @@ class RosBridge:
     def is_waiting(self) -> bool:
         """Whether a report or a response of some robot is awaited."""
         return any(map(self._handler.is_waiting_for, self.connections))
-
-    def use(self, node: RosObject) -> None:
-        """Use `node` from now on."""
-        self._node = node
 
     def poll(self, *, everything: bool) -> None:
         """Pass on everything that has arrived; or only responses and modes of the robots that are waited for."""
@@ -361,6 +357,19 @@ class RosBridge:
             if text not in reported:
                 self._events.add(name, text, level="error")
         self._others[name] = looks, texts
+
+
+@contextlib.contextmanager
+def ros_network(
+    ros_arguments: Sequence[str], handler: CommandHandler, beats: Heartbeats | None, events: EventLog
+) -> Iterator[RosBridge]:
+    """The robots over ROS; see `deploy.station.network.Connect`.
+
+    Raises:
+        RosUnavailableError: ROS is not there or does not start.
+    """
+    with ros_node("base_station", "", ros_arguments) as node:
+        yield RosBridge(node, handler, beats, events)
 
 
 def _values(message: RosObject) -> Mapping[str, str]:

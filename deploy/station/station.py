@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The base station's connection to the robots: one ROS thread, and methods for every other thread."""
+"""The base station's connection to the robots: one thread for their network, and methods for every other thread."""
 
 import datetime as dt
 import logging
@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
@@ -16,13 +17,13 @@ import msgspec
 from segway_ecc.deploy.station.command_handler import CommandHandler, SubmittedCommand
 from segway_ecc.deploy.station.fleet import EventLog, Heartbeats
 from segway_ecc.deploy.station.kept_stops import KeptStop, KeptStops
+from segway_ecc.deploy.station.network import Connect, RobotNetwork
 from segway_ecc.deploy.station.requests import Reply, once
-from segway_ecc.deploy.station.ros_bridge import RosBridge
+from segway_ecc.deploy.station.ros_bridge import ros_network
 from segway_ecc.deploy.station.sequences import read_sequence
 from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView, TrialView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError, RosUnavailableError, shortened
-from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
 _TICK_NS: Final = 50_000_000
@@ -33,11 +34,12 @@ _MOST_SEQUENCES: Final = 4
 _ENDS_WITHIN_S: Final = 5.0
 _MOST_FAILURES: Final = 100
 _ENDS: Final = "the station ends"
+OVER_ROS: Final[Connect] = partial(ros_network, ())
 _logger = logging.getLogger(__name__)
 
 
 class Station:
-    """The robots on the ROS network, and the commands to them. Every method may be called from any thread."""
+    """The robots on a network, and the commands to them. Every method may be called from any thread."""
 
     limits: Final = Setpoint(3.0, 6.0)
     """The fastest that an operator may request: m/s, rad/s. A robot may allow less."""
@@ -47,8 +49,8 @@ class Station:
     def __init__(
         self,
         name: str,
+        connect: Connect = OVER_ROS,
         *,
-        ros_arguments: Sequence[str] = (),
         is_watching: bool = False,
         folder: Path | None = None,
     ) -> None:
@@ -56,15 +58,15 @@ class Station:
 
         Args:
             name: Its name in the robots' reports.
-            ros_arguments: What followed `--ros-args` on the command line, that flag included.
+            connect: Connects it to its robots.
             is_watching: Whether it only watches: then it sends no heartbeats, so no robot comes to rely on it.
             folder: Where stops are kept until they are confirmed; without it they end with this process.
         """
-        self._ros_arguments = ros_arguments
         self._events = EventLog(time.time_ns)
         beats = Heartbeats(name)
         self._handler = CommandHandler(self._events, beats, self.limits)
-        self._bridge = RosBridge(self._handler, None if is_watching else beats, self._events)
+        self._connect = connect
+        self._beats = None if is_watching else beats
         self._kept = None if folder is None else KeptStops(folder, self._log_failure)
         self._failures: set[str] = set()
         self._pending: dict[str, KeptStop] = {}
@@ -83,7 +85,7 @@ class Station:
         self._thread = threading.Thread(target=self._run, name="station", daemon=True)
 
     def __enter__(self) -> Self:
-        """Start the ROS thread.
+        """Start the thread, and connect.
 
         Raises:
             RosUnavailableError: ROS is not there or does not start.
@@ -187,39 +189,38 @@ class Station:
 
     def _run(self) -> None:
         try:
-            with ros_node("base_station", "", self._ros_arguments) as node:
-                self._bridge.use(node)
+            with self._connect(self._handler, self._beats, self._events) as network:
                 self._has_begun.set()
                 next_tick_ns = time.monotonic_ns()
                 while not self._is_ending:
                     now_ns = time.monotonic_ns()
                     self._carry_out()
                     is_tick = now_ns >= next_tick_ns
-                    self._guarded(self._step, is_tick)
+                    self._guarded(self._step, network, is_tick)
                     if is_tick:
                         next_tick_ns = max(next_tick_ns + _TICK_NS, now_ns)
                     wait_s = max(next_tick_ns - time.monotonic_ns(), 0) * 1e-9
-                    self._wake.wait(min(wait_s, _WAITING_S) if self._bridge.is_waiting else wait_s)
+                    self._wake.wait(min(wait_s, _WAITING_S) if network.is_waiting else wait_s)
                     self._wake.clear()
                 self._guarded(lambda: self._handler.close(time.monotonic_ns()))
-                self._guarded(self._bridge.flush)
+                self._guarded(network.flush)
         except RosUnavailableError as error:
             self._failure = error
         finally:
             self._answer_late()
             self._has_begun.set()
 
-    def _step(self, is_tick: bool) -> None:  # noqa: FBT001 - passed through by `_guarded`
+    def _step(self, network: RobotNetwork, is_tick: bool) -> None:  # noqa: FBT001 - passed through by `_guarded`
         # A message that makes this fail must not keep stops from being sent again.
-        self._guarded(lambda: self._bridge.poll(everything=is_tick))
+        self._guarded(lambda: network.poll(everything=is_tick))
         now_ns = time.monotonic_ns()
         self._handler.step(now_ns)
         self._keep_stops()
         if is_tick:
-            self._bridge.beat(now_ns)
+            network.beat(now_ns)
             self._picture = self._view(now_ns)
-            self._refused = dict(self._handler.refused) | dict(self._bridge.refused())
-            self._bridge.discover(now_ns)
+            self._refused = dict(self._handler.refused) | dict(network.refused())
+            network.discover(now_ns)
 
     def _view(self, now_ns: int) -> FleetView:
         picture = self._handler.view(now_ns)

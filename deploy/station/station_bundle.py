@@ -8,11 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import IO, Final
 
 import msgspec
 
+from segway_ecc.deploy.station.ros_bridge import ros_network
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import FleetStatus
 from segway_ecc.deploy.support.bundle import Collected, Parts, Stored, json_text, write_parts
@@ -84,7 +86,7 @@ def robots(ros_arguments: Sequence[str] = (), patience_s: float = 5.0) -> Collec
     """
     require_ros()
     deadline_s = time.monotonic() + patience_s
-    with Station("support", ros_arguments=ros_arguments, is_watching=True) as station:
+    with Station("support", partial(ros_network, ros_arguments), is_watching=True) as station:
         fleet = station.fleet()
         while time.monotonic() < deadline_s and not fleet.is_settled:
             time.sleep(_POLL_S)

@@ -10,11 +10,13 @@ import socket
 import ssl
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient
 from segway_ecc.deploy.station.requirements import require_station
+from segway_ecc.deploy.station.ros_bridge import ros_network
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.access import Access, Role, load_access, new_access
@@ -124,7 +126,7 @@ def _serve(
 
     with (
         contextlib.closing(ArchiveClient(ArchiveCalls(options.ros_arguments), folder / "fetched")) as archive,
-        Station(name, ros_arguments=options.ros_arguments, folder=folder) as station,
+        Station(name, partial(ros_network, options.ros_arguments), folder=folder) as station,
     ):
         settings = server.ServerSettings(
             place,

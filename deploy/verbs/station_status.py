@@ -9,10 +9,12 @@ import argparse
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import msgspec
 
+from segway_ecc.deploy.station.ros_bridge import ros_network
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import FleetView, RobotView
 from segway_ecc.node.cli.interrupts import ends_at_once
@@ -45,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     stop: list[str] = []
     with (
         stopped_by_signals(stop.append),
-        Station("status", ros_arguments=options.ros_arguments, is_watching=True) as station,
+        Station("status", partial(ros_network, options.ros_arguments), is_watching=True) as station,
     ):
         fleet = _look(station.fleet, options.wait, stop)
     if not fleet.robots:

@@ -11,7 +11,7 @@ from segway_ecc.deploy.station.requests import Reply, once
 from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView, RobotView, TrialView
 from segway_ecc.deploy.station.web.shared import Robots
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
-from segway_ecc.hil.demo.parts import DemoParts
+from segway_ecc.hil.demo.parts import Parts
 from segway_ecc.hil.demo.trials import RECOVER, Trial, heal, sentence, trials_for, watch
 from segway_ecc.hil.errors import RigError
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -36,7 +36,7 @@ class TestBench:
     __test__ = False  # of no test runner
 
     def __init__(
-        self, station: Robots, parts: DemoParts, states: Sequence[str], measured: Sequence[str], clock: Clock
+        self, station: Robots, parts: Parts, states: Sequence[str], measured: Sequence[str], clock: Clock
     ) -> None:
         """Try things on the robot of `parts`, whose plant has these states and measured values."""
         self._station = station

@@ -5,6 +5,7 @@ import contextlib
 import os
 import signal
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +29,6 @@ class PartsSetup:
         bus: The options that name the bus, which all processes share.
         folder: Where messages and logs go.
         node: More options of the node.
-        environment: Added to that of this process.
-        needs_guard: Whether the robot is armed only with a guard; one is started in any case.
     """
 
     robot: str
@@ -38,8 +37,40 @@ class PartsSetup:
     node: Sequence[str] = ()
 
 
-class DemoParts:
-    """What runs while the context lasts.
+class Parts(ABC):
+    """The robot that is shown, for whoever tries things on it."""
+
+    def tell(self, line: str) -> int:
+        """Have the plant obey a line of `hil.drill.plant_control`; return when it did, ns by the robot's clock.
+
+        Raises:
+            RigError: It refuses, or does not answer.
+        """
+        stamp, answer = self._ask(line)
+        if answer.startswith(_REFUSED):
+            raise RigError(f"the plant: {answer}")
+        return stamp
+
+    def last_driven_ns(self) -> int | None:
+        """When a motor was last driven, ns by the robot's clock; None where none ever was."""
+        word = self._ask("driven")[1].split()[-1]
+        return None if word == "never" else int(word)
+
+    @abstractmethod
+    def kill(self, part: Part) -> int:
+        """Kill a part as a crash would; return when, ns by the robot's clock."""
+
+    @abstractmethod
+    def revive(self) -> None:
+        """Start guard and node where they do not run."""
+
+    @abstractmethod
+    def _ask(self, line: str) -> tuple[int, str]:
+        """Have the plant obey a line; when it did, ns, and its answer."""
+
+
+class DemoParts(Parts):
+    """What runs while the context lasts, as processes; their clock is the machine's monotonic one.
 
     A process ends with the thread that started it: the context and `revive` belong to threads that last as long.
     """
@@ -67,24 +98,8 @@ class DemoParts:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def tell(self, line: str) -> int:
-        """Have the plant obey a line of `hil.drill.plant_control`; return when it did, monotonic, ns.
-
-        Raises:
-            RigError: It refuses, or does not answer.
-        """
-        stamp, answer = self._ask(line)
-        if answer.startswith(_REFUSED):
-            raise RigError(f"the plant: {answer}")
-        return stamp
-
-    def last_driven_ns(self) -> int | None:
-        """When a motor was last driven, monotonic, ns; None where none ever was."""
-        word = self._ask("driven")[1].split()[-1]
-        return None if word == "never" else int(word)
-
     def kill(self, part: Part) -> int:
-        """Kill a process as a crash would; return when, monotonic, ns."""
+        """See `Parts.kill`."""
         process = self._parts[part].process
         os.kill(process.pid, signal.SIGKILL)
         killed_ns = time.monotonic_ns()
@@ -92,7 +107,7 @@ class DemoParts:
         return killed_ns
 
     def revive(self) -> None:
-        """Start guard and node where they do not run."""
+        """See `Parts.revive`."""
         starts: Sequence[tuple[Part, Callable[[], Command]]] = (
             ("guard", lambda: self._start("guard")),
             ("node", lambda: self._start("run", *self._setup.node)),

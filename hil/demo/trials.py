@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.deploy.station.views import RobotView, TrialView
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
-from segway_ecc.hil.demo.parts import DemoParts, Part
+from segway_ecc.hil.demo.parts import Part, Parts
 from segway_ecc.hil.play.stage import FORCE, PUSH_N, PUSH_S
 
 RECOVER: Final = "recover"
@@ -26,7 +26,7 @@ _STATES: Final = (FORCE, PAYLOAD, SLOPE)
 
 Look = Callable[[], RobotView | None]
 """The robot as the station sees it now."""
-Deed = Callable[[DemoParts, Clock], int]
+Deed = Callable[[Parts, Clock], int]
 """Does something to the robot; returns when, monotonic, ns."""
 
 
@@ -63,7 +63,7 @@ def trials_for(states: Sequence[str], measured: Sequence[str]) -> tuple[Trial, .
     return tuple(trial for trial in _TRIALS if trial.needs in there)
 
 
-def heal(parts: DemoParts, states: Sequence[str]) -> None:
+def heal(parts: Parts, states: Sequence[str]) -> None:
     """Undo everything that a trial did to plant, bus and processes."""
     parts.tell("heal")
     for state in _STATES:
@@ -72,7 +72,7 @@ def heal(parts: DemoParts, states: Sequence[str]) -> None:
     parts.revive()
 
 
-def watch(parts: DemoParts, look: Look, clock: Clock, since_ns: int) -> Watched:
+def watch(parts: Parts, look: Look, clock: Clock, since_ns: int) -> Watched:
     """Watch the robot for a while; something was done to it at `since_ns`, monotonic."""
     pitches = list[float]()
     until_ns = clock.now_ns() + _LOOK_NS
@@ -103,7 +103,7 @@ def sentence(seen: Watched) -> str:
 
 
 def _push(force: float) -> Deed:
-    def push(parts: DemoParts, clock: Clock) -> int:
+    def push(parts: Parts, clock: Clock) -> int:
         since_ns = parts.tell(f"write {FORCE} {force}")
         clock.sleep_until_ns(clock.now_ns() + round(PUSH_S * NS_PER_S))
         parts.tell(f"write {FORCE} 0")

@@ -6,18 +6,15 @@ to the node by a stage, and time is given.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from segway_ecc.deploy.station.fleet import Heartbeats
 from segway_ecc.deploy.station.requests import AGAIN_NS
-from segway_ecc.firmware_io.drives.stopper import Meaning, Stopper
-from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
-from segway_ecc.firmware_io.guard.watch import Watch
-from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.settings import BusSettings, HardwareSettings
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.settings import BusSettings
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
@@ -26,7 +23,7 @@ from segway_ecc.hil.placement.judging import FALLEN_RAD, PostureRecorder, RunRec
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network, RemoteLink
 from segway_ecc.hil.placement.results import Placement
 from segway_ecc.hil.processes import quiet
-from segway_ecc.hil.rig.fronts import LinkFront
+from segway_ecc.hil.rig.lockstep_guard import LockstepGuard
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulation import WALL_START_NS, LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
@@ -40,7 +37,6 @@ START_S: Final = 3.0
 """When the manoeuvre begins, s of simulated time: by then it has stood up, if it ever does."""
 STATION: Final = "station"
 _NS_PER_S: Final = 1_000_000_000
-_REPORTS: Final = frozenset({Meaning.ON, Meaning.OFF})
 
 
 class NodeReport(NamedTuple):
@@ -154,49 +150,6 @@ class ProgramsStage(NoStage):
         """Report to every program."""
         for _, way in self._programs:
             way.back.send(NodeReport(report.stamp_ns, report.mode))
-
-
-class CrossingHeartbeats(LinkFront):
-    """The guard's bus, and heartbeats that cross the network with the node's commands; see `HeartbeatSource`."""
-
-    def __init__(self, link: Link, stopper: Stopper) -> None:
-        """Take a heartbeat for each command on `link`."""
-        super().__init__(link)
-        self._stopper = stopper
-        self._beats: list[bool] = []
-
-    def receive(self) -> list[Frame]:
-        """Take what has arrived; see `Link.receive`."""
-        frames = super().receive()
-        observed = (self._stopper.read(frame) for frame in frames)
-        commands = (each.meaning for each in observed if each is not None and each.meaning not in _REPORTS)
-        self._beats += [meaning is not Meaning.DISABLE for meaning in commands]
-        return frames
-
-    def take_heartbeats(self) -> Iterator[bool]:
-        """Those of the commands that have been received."""
-        beats, self._beats = self._beats, []
-        return iter(beats)
-
-    def answer(self, stops: str) -> None:
-        """Nobody is told."""
-
-
-class LockstepGuard:
-    """Makes its passes on the rig's clock; see `Source`."""
-
-    def __init__(self, settings: HardwareSettings, rig: LockstepRig) -> None:
-        """Guard the drives on the bus of `rig`."""
-        stopper = stopper_of(settings)
-        self.watch = Watch(stopper, rig.now_ns())
-        self.next_ns = 0
-        beats = CrossingHeartbeats(rig.bus.attach("guard"), stopper)
-        self._guard = Guard(beats, beats, self.watch, rig)
-
-    def act(self) -> None:
-        """One pass."""
-        self._guard.step()
-        self.next_ns += PASS_NS
 
 
 class PlacementRun(msgspec.Struct, frozen=True, kw_only=True):

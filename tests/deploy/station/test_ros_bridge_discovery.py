@@ -43,8 +43,7 @@ class Graph:
         node.count_services = lambda name: checked(name, is_service=True) in {f"/a/{n}/stop" for n in self.serving}
         node.create_client = lambda _, name: MagicMock(srv_name=checked(name, is_service=True))
         node.create_subscription = lambda _, name, *__: MagicMock(topic_name=checked(name))
-        self.bridge = RosBridge(CommandHandler(events, Heartbeats("base"), Setpoint(3.0, 6.0)), None, events)
-        self.bridge.use(node)
+        self.bridge = RosBridge(node, CommandHandler(events, Heartbeats("base"), Setpoint(3.0, 6.0)), None, events)
         self._now_ns = 0
 
     def look(self, *publishers: str, serving: str, times: int = 1) -> str:

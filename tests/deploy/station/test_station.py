@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -306,16 +307,13 @@ def test_sequence_that_makes_reading_fail_is_answered(monkeypatch: pytest.Monkey
 def test_robot_whose_messages_make_reading_fail_keeps_no_stop_from_being_sent_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def failing(**_: object) -> None:
-        raise KeyError("/b")
-
     station = Station("base")
-    monkeypatch.setattr(station._bridge, "poll", failing)
+    network = MagicMock(poll=MagicMock(side_effect=KeyError("/b")))
     replies: list[tuple[bool, str]] = []
     station.submit("ann", Command(id=1, robot="/r1", act=Act.STOP), lambda *outcome: replies.append(outcome))
     monkeypatch.setattr(requests, "WITHIN_NS", -1)
     station._carry_out()
-    station._step(is_tick=False)
+    station._step(network, is_tick=False)
     station.close()
     assert len(replies) == 1
     assert replies[0][1].startswith("no robot is found")

@@ -18,19 +18,21 @@ import pytest
 
 from tests.patience import PATIENCE_S
 
-pytestmark = [pytest.mark.ros, pytest.mark.real_time]
-
 Run = Callable[..., Any]
+WAYS = [
+    pytest.param("--ros", marks=[pytest.mark.ros, pytest.mark.real_time]),
+    "--no-ros",  # in lock step, so that nothing beside it matters
+]
 
 
 class Shown:
     """The command, and the address that it prints."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, way: str) -> None:
         self._messages = folder / "messages.txt"
         with self._messages.open("wb") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "demo", "--port", "0", "--no-browser"],
+                [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "demo", "--port", "0", "--no-browser", way],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
@@ -55,9 +57,9 @@ class Shown:
         return self.process.wait(PATIENCE_S)
 
 
-@pytest.fixture
-def shown(tmp_path: Path) -> Iterator[Shown]:
-    made = Shown(tmp_path)
+@pytest.fixture(params=WAYS)
+def shown(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Shown]:
+    made = Shown(tmp_path, request.param)
     yield made
     if made.process.poll() is None:
         os.killpg(made.process.pid, signal.SIGKILL)
@@ -117,10 +119,17 @@ def test_it_stands_is_pushed_broken_and_brought_back(shown: Shown) -> None:
     assert not list(folder.glob("segway-ecc-demo-*"))
 
 
-def test_a_robot_without_drives_is_refused(segway_ecc: Run) -> None:
-    outcome = segway_ecc("demo", "cart")
+@pytest.mark.parametrize(
+    ("robot", "why"),
+    [
+        ("cart", "is all model: demo needs one with drives, such as segway"),
+        ("segway-hoverboard", "is on no CAN bus: its demo needs ROS (--ros)"),
+    ],
+)
+def test_a_robot_that_cannot_be_shown_is_refused(segway_ecc: Run, robot: str, why: str) -> None:
+    outcome = segway_ecc("demo", robot, "--no-ros", "--port", "0")
     assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.errors == ["segway-ecc: robot 'cart' is all model: demo needs one with drives, such as segway"]
+    assert outcome.errors == [f"segway-ecc: robot '{robot}' {why}"]
 
 
 @pytest.mark.parametrize("port", ["-1", "65536"])
