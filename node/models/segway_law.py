@@ -191,7 +191,8 @@ class PhaseRules:
             case Phase.STANDING_UP:
                 return self._from_standing_up(progress, stand=stand)
             case Phase.SITTING_DOWN:
-                is_over = progress.lasting > _STILL_TIME_S or progress.elapsed > self._sit_down_time
+                # Who asks for it to stand knows that it lies: the motors were off, or nothing was measured, as it fell.
+                is_over = stand or progress.lasting > _STILL_TIME_S or progress.elapsed > self._sit_down_time
                 return Phase.RESTING if is_over else Phase.SITTING_DOWN
             case Phase.GIVEN_UP:
                 return Phase.GIVEN_UP if stand else Phase.RESTING

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 import pytest
 from msgspec.structs import replace
 
+from segway_ecc.hil.design.balance import ScriptedStage
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
+from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Request
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 MS = 1_000_000
 STANDS_NS = 3_000 * MS
@@ -87,3 +88,30 @@ def test_without_the_setting_20_ms_are_enough_to_drop_it(name: str) -> None:
 
     assert loop.modes.mode is Mode.FAULT
     assert tilt > 0.3
+
+
+@pytest.mark.parametrize("robot", ["segway", "segway-odrive"])
+@pytest.mark.parametrize("seconds", [1.2, 1.5, 1.9])
+def test_a_robot_that_fell_unseen_stands_up_again_when_it_is_seen(robot: str, seconds: float) -> None:
+    """Its model took the last that it saw for what is, upright, and drove off as it was asked to stand."""
+    file = load_robot(robot)
+    rig = LockstepRig.of(hardware_of(file))
+    plant = simulated_robot(file, rig.bus.attach("plant"))
+    rig.attach(plant)
+    link = FaultyLink(rig.bus.attach("node"))
+    made = build_robot(file, rig, link)
+    rig.add(Gaps(link, round(seconds * 1000) * MS, 1))
+    answers = list[Answer]()
+    asks_at_s = STANDS_NS / 1e9 + seconds + 0.7  # it must lie still for half a second
+
+    def ask() -> None:
+        stage.requests.append(Request(Action.STAND_UP, answers.append))
+
+    stage = ScriptedStage({asks_at_s: ask}, made.period_ns)
+    loop = made.loop(stage, NoRecorder())
+    loop.run(round((asks_at_s + 5.0) * 1e9 / made.period_ns))
+    assert [answer.message for answer in answers] == ["ARMED: asked to arm"]
+    assert loop.modes.mode is Mode.ARMED
+    pitch, velocity = (plant.output_names.index(f"truth.{name}") for name in ("pitch", "linear_velocity"))
+    assert abs(plant.outputs[pitch]) < 0.1
+    assert abs(plant.outputs[velocity]) < 0.2

@@ -236,6 +236,21 @@ def test_sit_down_leans_ahead_lands_brakes_and_rests() -> None:
     assert told(model, "LeftTorque", "RightTorque") == [0.0, 0.0]
 
 
+def test_who_asks_a_robot_that_sits_down_to_stand_knows_that_it_lies() -> None:
+    model = balancing()
+    model.write("Stand", 0.0)
+    model.step(inputs())
+    model.write("Stand", 1.0)
+    model.step(inputs())
+    assert model.read("Phase") == Phase.RESTING
+    for _ in range(99):
+        model.step(inputs(0.5))
+        assert told(model, "LeftTorque", "RightTorque") == [0.0, 0.0], "what it lies like is learnt first"
+    for _ in range(100):
+        model.step(inputs(0.5))
+    assert model.read("Phase") == Phase.STANDING_UP
+
+
 def test_a_robot_that_does_not_get_down_rests_after_a_while_too() -> None:
     model = balancing()
     model.write("Stand", 0.0)
