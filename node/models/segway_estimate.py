@@ -47,6 +47,8 @@ _STILL_SPEED: Final = 0.1
 _LARGEST_BIAS: Final = 0.1
 _LARGEST_INNOVATION: Final = 0.2
 _REST_TIME_S: Final = 0.2
+_OFF_TIME_S: Final = 0.1
+"""Time constant of the mean of what "up" is off: noise may be three times as much as that of the published sensors."""
 _UNCERTAIN_SPEED: Final = 0.2
 """By how much a wheel may turn too fast, m/s, and is not taken to slip."""
 _FELT_TIME_S: Final = 0.15
@@ -111,7 +113,7 @@ class Estimate(Value, frozen=True):
         velocity: Its rate, m/s.
         yaw_rate: rad/s.
         x, y, heading: Odometry; m, m, rad.
-        off: How far the accelerometer's "up" is from the pitch, rad, up to 0.2 either way.
+        off: How far the accelerometer's "up" is from the pitch, rad, in the mean and up to 0.2 either way.
         felt_velocity: The velocity by the accelerometer, drawn to the wheels', m/s.
         left_slip, right_slip: How much faster a wheel turns than the robot moves there, m/s, beyond what is uncertain.
         left_tread, right_tread: Velocity of each wheel's tread against the body, m/s.
@@ -169,6 +171,7 @@ class Estimator:
         self._drawn = period / bias_time
         # The part of a resting gyro's rate that is taken for bias in one period.
         self._settled = period / _REST_TIME_S
+        self._off_part = period / _OFF_TIME_S
 
     def start(self, m: SegwayMeasurement) -> Estimate:
         """The estimate at rest, from what is measured first; not begun where the accelerometer feels nothing."""
@@ -253,7 +256,7 @@ class Estimator:
             e.x + step * cos(middle),
             e.y + step * sin(middle),
             heading,
-            innovation,
+            e.off + self._off_part * (innovation - e.off),
             felt,
             left_slip,
             right_slip,

@@ -70,6 +70,25 @@ def test_it_rests_while_it_settles_and_then_pushes_to_where_it_leans() -> None:
     assert sent[139][1] == sent[139][2] == pytest.approx(1.3)
 
 
+def test_noise_does_not_make_it_stand_up_before_it_knows_how_it_lies() -> None:
+    """One sample that happened to agree was enough, with the pitch still 0.1 rad off."""
+    model = controller()
+    model.initialize(inputs())
+    model.write("Stand", 0.0)
+    for _ in range(200):
+        model.step(inputs())
+    noise, pitch = 0.1, 0.5  # it was laid down, unseen
+    for _ in range(60):
+        noise = -noise
+        model.step(inputs(pitch + noise))
+    model.write("Stand", 1.0)
+    while model.read("Phase") == Phase.RESTING:
+        noise = -noise
+        model.step(inputs(pitch + noise))
+    assert model.read("Phase") == Phase.STANDING_UP
+    assert model.read("Pitch") == pytest.approx(pitch, abs=0.05)
+
+
 def test_a_gyro_that_is_off_is_learnt_at_rest() -> None:
     model = controller()
     model.initialize(inputs(0.5, GyroY=0.02, GyroZ=-0.03))
