@@ -23,11 +23,11 @@ from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.settings import SerialOnlySettings
 from segway_ecc.hil.case_study.seats import TRIES, Repeats, SeatRun, trajectory
 from segway_ecc.hil.case_study.study import LoopTiming, RealTimeRun, Seat, Trajectory
-from segway_ecc.hil.case_study.witness import IDLE_S, STALL_S, Stalls, Witness, witness
 from segway_ecc.hil.errors import RigError, RunFailedError, SpoiledRunError
 from segway_ecc.hil.processes import Command, ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import kernel_ends
 from segway_ecc.hil.rig.simulation import LockstepRig, can_of, hardware_of, simulated_robot
+from segway_ecc.hil.witness import IDLE_S, STALL_S, Stalls, Witness, witness
 from segway_ecc.node.config import load_robot, read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, Recorder
 from segway_ecc.node.cycle.loop import Loop

@@ -139,6 +139,7 @@ class InputResult:
         torque: What became of the torque; None where nothing ran.
         wrong: What was not as declared.
         not_run: Why it was not tried; empty where it was.
+        stall: How the machine stalled meanwhile; empty where it did not.
     """
 
     item: int
@@ -150,6 +151,7 @@ class InputResult:
     limit_s: float | None = None
     wrong: tuple[str, ...] = ()
     not_run: str = ""
+    stall: str = ""
 
     @property
     def is_as_declared(self) -> bool:

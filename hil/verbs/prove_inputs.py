@@ -17,6 +17,7 @@ from segway_ecc.hil.inputs.trial import InputResult
 from segway_ecc.hil.processes import inherited, own_ros_domain
 from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.text_table import aligned
+from segway_ecc.hil.witness import witness
 from segway_ecc.node.cli.options import add_json, print_found
 
 OnAllProgress = Callable[[str, int, int | None], None]
@@ -70,11 +71,13 @@ def _try_all(robot: str, items: Sequence[int] | None, folder: Path, show: OnAllP
     folder.mkdir()
     start = Starter(Place(robot, folder, f"inputs_{os.getpid()}_{robot}"))
     found: list[InputResult] = []
-    for result in trial.run_all(chosen, start):
-        found.append(result)
-        show(robot, len(found), len(chosen))
-        if not result.is_as_declared:
-            sys.stderr.write(f"segway-ecc: {robot}: {result.item}: {result.name}: {_verdict(result)}\n")
+    with witness(folder / "witness.txt") as beside:
+        for outcome in trial.run_all(chosen, start):
+            result = dataclasses.replace(outcome, stall=beside.stalls().text)
+            found.append(result)
+            show(robot, len(found), len(chosen))
+            if not result.is_as_declared:
+                sys.stderr.write(f"segway-ecc: {robot}: {result.item}: {result.name}: {_verdict(result)}\n")
     return found
 
 
@@ -105,4 +108,7 @@ def _row(result: InputResult) -> tuple[str, ...]:
 def _verdict(result: InputResult) -> str:
     if result.not_run:
         return f"not run: {result.not_run}"
-    return "as declared" if result.is_as_declared else f"NOT as declared: {'; '.join(result.wrong)}"
+    if result.is_as_declared:
+        return "as declared"
+    meanwhile = f"; meanwhile {result.stall}" if result.stall else ""
+    return f"NOT as declared: {'; '.join(result.wrong)}{meanwhile}"

@@ -12,9 +12,9 @@ from segway_ecc.hil.case_study import can as can_seat
 from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat, run_in_real_time
 from segway_ecc.hil.case_study.seats import OfflineSeat, Repeats, SeatRun
 from segway_ecc.hil.case_study.study import LoopTiming, Seat, Trajectory
-from segway_ecc.hil.case_study.witness import Stalls
 from segway_ecc.hil.errors import RigError, SpoiledRunError
 from segway_ecc.hil.processes import ProcessFailedError
+from segway_ecc.hil.witness import Stalls
 from segway_ecc.node.config import read_text
 from segway_ecc.node.errors import RobotLostError, SequenceError
 from segway_ecc.node.replay.replay import replay

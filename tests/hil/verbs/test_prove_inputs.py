@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: MIT
 """`segway-ecc prove inputs`: which inputs, the table and the exit code, with a stand-in for the robots."""
 
+import contextlib
 import json
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +13,8 @@ from segway_ecc.hil.drill.plant_control import Torque
 from segway_ecc.hil.inputs import table, trial
 from segway_ecc.hil.inputs.table import ITEMS, all_trials
 from segway_ecc.hil.inputs.trial import InputResult, InputTrial
+from segway_ecc.hil.verbs import prove_inputs
+from segway_ecc.hil.witness import Stalls
 
 Run = Callable[..., Any]
 
@@ -21,6 +25,14 @@ class Robots:
     def __init__(self) -> None:
         self.given: list[InputTrial] = []
         self.told: dict[str, InputResult] = {}
+        self.stalls_of = Stalls()
+
+    @contextlib.contextmanager
+    def witness(self, _messages: Path) -> Iterator["Robots"]:
+        yield self
+
+    def stalls(self) -> Stalls:
+        return self.stalls_of
 
     def __call__(self, trials: Sequence[InputTrial], _start: object) -> Iterator[InputResult]:
         for each in trials:
@@ -35,6 +47,7 @@ class Robots:
 def robots(monkeypatch: pytest.MonkeyPatch) -> Robots:
     found = Robots()
     monkeypatch.setattr(trial, "run_all", found)
+    monkeypatch.setattr(prove_inputs, "witness", found.witness)
     return found
 
 
@@ -78,6 +91,18 @@ def test_one_that_is_otherwise_is_exit_code_1(segway_ecc: Run, robots: Robots) -
     assert outcome.out.splitlines()[-1] == "2 of 3 inputs as declared"
 
 
+def test_how_the_machine_stalled_is_said_of_what_was_otherwise(segway_ecc: Run, robots: Robots) -> None:
+    name = "no telemetry for 50 ms"
+    robots.told[name] = InputResult(5, name, "ARMED", "FAULT", "too old", wrong=("mode FAULT, not ARMED",))
+    robots.stalls_of = Stalls(longest_s=0.085)
+    outcome = segway_ecc("prove", "inputs", "--robot", "segway", "--item", "5")
+
+    meanwhile = "NOT as declared: mode FAULT, not ARMED; meanwhile the machine stalled for up to 85 ms"
+    assert outcome.errors[0] == f"segway-ecc: segway: 5: {name}: {meanwhile}"
+    assert outcome.out.count("stalled") == 1
+    assert outcome.code == 1
+
+
 def test_what_was_not_run_is_counted_and_never_as_declared(segway_ecc: Run, robots: Robots) -> None:
     name = "no telemetry for 50 ms"
     robots.told[name] = InputResult(5, name, "ARMED", not_run="no ROS: no rclpy")
@@ -114,6 +139,7 @@ def test_json(segway_ecc: Run, robots: Robots) -> None:
         "limit_s": 0.1,
         "wrong": [],
         "not_run": "",
+        "stall": "",
         "as_declared": True,
     }
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.case_study import witness as witness_module
-from segway_ecc.hil.case_study.witness import CROWDED_S, IDLE_S, STALL_S, Gaps, Stalls, Watched, witness
+from segway_ecc.hil import witness as witness_module
+from segway_ecc.hil.witness import CROWDED_S, IDLE_S, STALL_S, Gaps, Stalls, Watched, witness
 from tests.patience import PATIENCE_S
 
 STOPPED_S = 0.3
