@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.firmware_io.errors import HardwareError
@@ -42,6 +42,7 @@ _MOST_BEHIND_NS: Final = 50_000_000
 """A robot that is later than this does not make up for it: its time is that much behind from then on."""
 _ANSWERS_WITHIN_S: Final = 5.0
 _LOOKS_EVERY_S: Final = 0.002
+_Given = TypeVar("_Given")
 _logger = logging.getLogger(__name__)
 
 
@@ -64,7 +65,7 @@ class PacedClock:
         self._real = real
         self._ahead_ns = real.now_ns() - rig.now_ns()
         self._wall_ahead_ns = real.wall_ns() - WALL_START_NS - rig.now_ns()
-        self._asked: deque[tuple[Callable[[], object], Future[object]]] = deque()
+        self._asked: deque[Callable[[], None]] = deque()
 
     def wall_ns(self) -> int:
         """Time since the Unix epoch, ns."""
@@ -82,20 +83,26 @@ class PacedClock:
             self._ahead_ns += late_ns
         self._real.sleep_until_ns(deadline_ns + self._ahead_ns)
         while self._asked:
-            call, answer = self._asked.popleft()
-            answer.set_result(call())
+            self._asked.popleft()()
         if self.node_is_killed:
             self.node_is_killed = False
             raise NodeKilledError("the node was killed, as was asked")
 
-    def ask(self, call: Callable[[], object]) -> object:
+    def ask(self, call: Callable[[], _Given]) -> _Given:
         """Have something done by the thread that waits on this clock; what it gave.
 
         Raises:
             RigError: The thread does not come to it.
         """
-        answer = Future[object]()
-        self._asked.append((call, answer))
+        answer = Future[_Given]()
+
+        def carry_out() -> None:
+            try:
+                answer.set_result(call())
+            except Exception as error:  # noqa: BLE001 - it is for who asked, and ends no robot
+                answer.set_exception(error)
+
+        self._asked.append(carry_out)
         try:
             return answer.result(_ANSWERS_WITHIN_S)
         except TimeoutError:
@@ -189,8 +196,7 @@ class LockstepRobot(Parts):
             self._link.is_dead, self.network.is_alive, self._paced.node_is_killed = True, False, True
             return self._rig.now_ns()
 
-        killed_ns = self._paced.ask(end_guard if part == "guard" else end_node)
-        return killed_ns if isinstance(killed_ns, int) else 0
+        return self._paced.ask(end_guard if part == "guard" else end_node)
 
     def revive(self) -> None:
         """See `Parts.revive`."""
@@ -204,7 +210,7 @@ class LockstepRobot(Parts):
         self._paced.ask(start)
 
     def _ask(self, line: str) -> tuple[int, str]:
-        stamp, _, answer = str(self._paced.ask(lambda: self._control.obey(line))).partition(" ")
+        stamp, _, answer = self._paced.ask(lambda: self._control.obey(line)).partition(" ")
         return int(stamp), answer
 
     def _run(self) -> None:

@@ -86,6 +86,21 @@ def test_what_another_thread_asks_is_done_by_the_one_that_waits(paced: PacedCloc
     assert done == [threading.get_ident()]
 
 
+def test_what_fails_is_for_who_asked(paced: PacedClock) -> None:
+    failures = list[BaseException | None]()
+
+    def ask() -> None:
+        with pytest.raises(ZeroDivisionError) as found:
+            paced.ask(lambda: 1 // 0)
+        failures.append(found.value)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    while not failures:
+        paced.sleep_until_ns(paced.now_ns() + 1)
+    asking.join()
+
+
 def test_who_asks_in_vain_is_told(paced: PacedClock, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("segway_ecc.hil.demo.lockstep_robot._ANSWERS_WITHIN_S", 0.01)
     with pytest.raises(RigError, match=r"did not answer within 0\.01 s"):
