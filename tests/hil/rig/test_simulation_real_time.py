@@ -8,7 +8,8 @@ from can.interfaces import virtual
 from msgspec import structs
 
 from segway_ecc.firmware_io.clock import Clock
-from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.frames import WheelCommand
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandSession
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.settings import CanSettings
@@ -110,19 +111,22 @@ def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: Robo
         heard = []
         while (message := host.recv(0)) is not None:
             heard.append(message.arbitration_id)
-    assert [heard.count(frame_id) for frame_id in (0x120, 0x121, 0x130)] == [8, 8, 2]
-    assert len(heard) == 18
+    assert [heard.count(frame_id) for frame_id in (0x120, 0x121, 0x130, 0x131)] == [8, 8, 2, 2]
+    assert len(heard) == 20
 
 
 def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
     watch = Watch(plant, 8)
     plant.robot.link.open()
-    off = encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), 0)
-    data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=True), 1)
+    session = CommandSession()
+    session.begin(1)
+    off = session.command(WheelCommand(0.0, 0.0, enable=False))
+    left, right = session.command(WheelCommand(6.0, 6.0, enable=True))
+    damaged = structs.replace(right, data=right.data[:-1] + bytes((right.data[-1] ^ 1,)))
     with can.Bus(interface="virtual", channel=channel) as host:
-        for sent in (off, data, data[:-1] + bytes((data[-1] ^ 1,))):
-            host.send(can.Message(arbitration_id=0x110, data=sent, is_extended_id=False))
+        for sent in (*off, left, right, damaged):
+            host.send(can.Message(arbitration_id=sent.arbitration_id, data=sent.data, is_extended_id=False))
         plant.run(watch)
 
     assert plant.robot.refused_frames == 1
