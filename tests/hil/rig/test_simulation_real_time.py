@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 
 import can
 import pytest
@@ -100,6 +101,38 @@ def test_late_is_more_than_a_whole_tick(file: RobotFile, oversleep_ns: int, late
     plant.robot.link.open()
     plant.run(Watch(plant, 10))
     assert plant.late == late
+
+
+def test_devices_have_the_last_of_the_ticks_that_are_made_up_for(file: RobotFile) -> None:
+    plant = made(file, ManualClock({2: 17 * MS}))
+    coast, tick, passes = plant.robot.coast, plant.robot.tick, list[str]()
+
+    def coasted() -> None:
+        passes.append("plant")
+        coast()
+
+    def ticked(now_ns: int) -> None:
+        passes.append("devices")
+        tick(now_ns)
+
+    plant.robot.coast, plant.robot.tick = coasted, ticked  # type: ignore[method-assign]
+    plant.robot.link.open()
+    plant.run(Watch(plant, 8))
+    assert passes == ["devices"] * 2 + ["plant"] * 3 + ["devices"] * 3
+
+
+def test_a_plant_that_never_catches_up_has_devices_all_the_same(file: RobotFile) -> None:
+    plant = made(file, ManualClock(dict.fromkeys(range(1000), 7 * MS)))
+    passes: list[int] = []
+
+    def ticked(_now_ns: int) -> None:
+        passes.append(plant.ticks)
+
+    plant.robot.tick = ticked  # type: ignore[method-assign, assignment]
+    plant.robot.link.open()
+    plant.run(Watch(plant, 1_000))
+    assert plant.late == 1_000
+    assert max(later - earlier for earlier, later in pairwise(passes)) == 20, "100 ms of the plant"
 
 
 def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: RobotFile, channel: str) -> None:

@@ -153,7 +153,7 @@ def test_a_person_drives_rests_and_leaves_with_the_motors_off(player: Player) ->
     assert player.process.wait(PATIENCE_S) == 0
     last = player.frames(COMMAND)[-1]
     assert not is_enabled(last)
-    assert last[:4] == bytes(4)
+    assert last[:2] == bytes(2)
     assert player.settings() == player.before, "the terminal is as it was"
     player.end()
     assert b"\x1b[?1049l" in player.screen, "the screen of before is back"
