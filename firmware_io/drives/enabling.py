@@ -46,6 +46,11 @@ class Enabling:
         if self.phase is Phase.ENABLING:
             self.phase = Phase.ENABLED
 
+    def retract(self, now_ns: int, within_ns: int) -> None:
+        """Take back the confirmation of a command that is no older than `within_ns`: it was sent before the command."""
+        if self.phase is Phase.ENABLED and now_ns - self._begun_ns <= within_ns:
+            self.phase = Phase.ENABLING
+
     def end(self, now_ns: int) -> None:
         """The drive is commanded to switch off; a drive that is off already keeps its disable feedback."""
         if self.phase is not Phase.OFF:

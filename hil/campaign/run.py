@@ -33,7 +33,7 @@ from segway_ecc.hil.floor.contact import on_floor, tyres
 from segway_ecc.hil.processes import quiet, results_of
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
-from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, RigEnds, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.errors import ConfigurationError, NodeError
@@ -252,17 +252,13 @@ class _ScenarioBench:
             robot = dataclasses.replace(robot, model=model)
         self._robot = robot
         self.drive = DriveWatch(simulated, injections)
-        line: CutOnlyLine | DisturbedLine | None = None
-        if wires is not None:
-            line = DisturbedLine(wires, injections, simulated.tick_ns)
-        elif ends.wires is not None:
-            line = CutOnlyLine(ends.wires, injections)
+        lines = _serial_lines(wires, ends, injections, simulated.tick_ns)
         failing = FailingDrives(simulated.devices[0], simulated_drives(hardware).fail, injections)
 
         def observe(_wall_ns: int, outputs: Sequence[float]) -> None:
             self.drive.look(outputs)
             failing.act()
-            if line is not None:
+            for line in lines:
                 line.act()
 
         rig.attach(simulated, observe)
@@ -316,6 +312,20 @@ class _ScenarioBench:
         self._bus.is_dead = True
         if self._wires is not None:
             self._wires.host.unplug()
+
+
+def _serial_lines(
+    wires: SimulatedSerial | None, ends: RigEnds, injections: Injections, tick_ns: int
+) -> Sequence[CutOnlyLine | DisturbedLine]:
+    """What disturbs serial lines: that beside a bus, that in place of one, and that of an IMU."""
+    lines: list[CutOnlyLine | DisturbedLine] = []
+    if wires is not None:
+        lines.append(DisturbedLine(wires, injections, tick_ns))
+    elif ends.wires is not None:
+        lines.append(CutOnlyLine(ends.wires, injections, "can", "battery"))
+    if ends.imu_wires is not None:
+        lines.append(CutOnlyLine(ends.imu_wires, injections, "imu", "battery"))
+    return lines
 
 
 _robot = functools.lru_cache(maxsize=32)(load_robot)

@@ -4,7 +4,9 @@
 import math
 from dataclasses import dataclass
 
-from segway_ecc.hil.rig.simulation import simulated_plant
+from segway_ecc.hil.commission.session import SIDES
+from segway_ecc.hil.errors import RigError
+from segway_ecc.hil.rig.simulation import hardware_of, simulated_plant
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.models.load import load_model
 
@@ -23,6 +25,24 @@ class Expected:
     track: float
     wheel_inertia: float
     back_emf: float
+
+
+def require_two_wheels(file: RobotFile) -> None:
+    """Refuse a robot with other axes, before anything is switched on.
+
+    Half of the steps are about a body on two wheels. A joint that hangs in gravity or has an end stop may not be turned
+    once around, nor be given a rising command until it moves, as wheels in the air are.
+
+    Raises:
+        NoSimulationError: The robot has no hardware.
+        RigError: Its axes are not `left` and `right`.
+    """
+    axes = getattr(hardware_of(file), "axes", None)
+    if axes is not None and set(axes) != set(SIDES):
+        raise RigError(
+            f"robot '{file.name}' has the axes {', '.join(axes)}: commissioning is for a robot that balances on two "
+            "wheels, left and right; try each axis of another by hand, with its drive's own tool, at a small limit"
+        )
 
 
 def expected_of(file: RobotFile) -> Expected:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 
 from segway_ecc.firmware_io.clock import NS_PER_S
+from segway_ecc.hil.commission.expected import require_two_wheels
 from segway_ecc.hil.commission.kill import kill_node
 from segway_ecc.hil.commission.miswiring import MiswiredPlant, Miswiring
 from segway_ecc.hil.commission.person import Answer, Task
@@ -115,7 +116,9 @@ class SimulatedSite:
 
         Raises:
             NoSimulationError: It has no plant, or its drives are none that this simulates.
+            RigError: It is not on two wheels; see `require_two_wheels`.
         """
+        require_two_wheels(file)
         section = file.simulation
         if section is None:
             raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")

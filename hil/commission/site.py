@@ -12,6 +12,7 @@ import msgspec
 from segway_ecc.firmware_io.build import build_hardware, make_link
 from segway_ecc.firmware_io.clock import NS_PER_S, RealClock
 from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.commission.expected import require_two_wheels
 from segway_ecc.hil.commission.person import Person
 from segway_ecc.hil.commission.session import Session, StepRefusedError
 from segway_ecc.hil.commission.wheel_steps import Found
@@ -58,7 +59,12 @@ class RealSite:
     is_simulated = False
 
     def __init__(self, file: RobotFile, person: Person, words: Sequence[str]) -> None:
-        """Commission the robot of a file; `words` name it and its bus on a command line."""
+        """Commission the robot of a file; `words` name it and its bus on a command line.
+
+        Raises:
+            RigError: It is not on two wheels; see `require_two_wheels`.
+        """
+        require_two_wheels(file)
         self.file = msgspec.structs.replace(file, commissioned="optional")
         self.person = person
         self._words = words

@@ -168,7 +168,7 @@ _OF_AXIS: Final[Mapping[Firmware, Mapping[str, Property]]] = {
         "config.motor.current_soft_max": Property("current_limit_a", Kind.FLOAT, is_writable=True),
     },
 }
-_OF_BOARD: Final = {
+_OF_EVERY_BOARD: Final = {
     "vbus_voltage": Property("supply_voltage", Kind.FLOAT),
     "ibus": Property("supply_current_a", Kind.FLOAT),
     "error": Property("error", Kind.UINT32),
@@ -177,7 +177,11 @@ _OF_BOARD: Final = {
     "fw_version_revision": Property("fw_version_revision", Kind.UINT8),
     "config.dc_max_negative_current": Property("dc_max_negative_current_a", Kind.FLOAT, is_writable=True),
     "config.dc_max_positive_current": Property("dc_max_positive_current_a", Kind.FLOAT, is_writable=True),
-    "config.enable_brake_resistor": Property("enable_brake_resistor", Kind.BOOL, is_writable=True),
+}
+_BRAKE_RESISTOR: Final = Property("enable_brake_resistor", Kind.BOOL, is_writable=True)
+_OF_BOARD: Final[Mapping[Firmware, Mapping[str, Property]]] = {
+    Firmware.V0_5: {**_OF_EVERY_BOARD, "config.enable_brake_resistor": _BRAKE_RESISTOR},
+    Firmware.V0_6: {**_OF_EVERY_BOARD, "config.brake_resistor0.enable": _BRAKE_RESISTOR},
 }
 ENDPOINTS: Final[Mapping[int, str]] = {
     1: "vbus_voltage",
@@ -187,6 +191,7 @@ ENDPOINTS: Final[Mapping[int, str]] = {
     12: "fw_version_revision",
     144: "config.dc_max_positive_current",
     145: "config.dc_max_negative_current",
+    150: "config.brake_resistor0.enable",
     175: "axis0.active_errors",
     176: "axis0.disarm_reason",
     180: "axis0.current_state",
@@ -206,7 +211,7 @@ ENDPOINTS: Final[Mapping[int, str]] = {
     389: "axis0.controller.config.vel_limit_tolerance",
 }
 """Endpoints of 0.6 that are simulated. On a real drive the numbers are those of the `flat_endpoints.json` of its
-very release and hardware; these are of one list of 0.6."""
+very release and hardware; these are of one list of 0.6, but for that of the brake resistor, which is made up."""
 
 
 class Found(NamedTuple):
@@ -244,5 +249,5 @@ def find(board: SimulatedBoard, name: str) -> Found | None:
     if root in names:
         axis, found = board.axes[names.index(root)], _OF_AXIS[board.release.firmware].get(key)
         return None if found is None else Found(axis, found)
-    of_board = _OF_BOARD.get(name)
+    of_board = _OF_BOARD[board.release.firmware].get(name)
     return None if of_board is None else Found(board, of_board)

@@ -14,6 +14,7 @@ Target = Literal[
     "imu",
     "left_motor",
     "right_motor",
+    "motor",
     "drive",
     "encoder",
     "can",
@@ -83,20 +84,19 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
     },
     "left_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
     "right_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
+    "motor": {kind: does for kind, does in _MOTOR.items() if kind != "swapped"},  # type: ignore[misc]  # as above
     "drive": {
         "off": FaultKind("that of the first axis ends with an error of its own, and lets its motor go"),
     },
     "encoder": {
-        "off": FaultKind("the left wheel's reads zero, and no error"),
-        "stuck": FaultKind("the left wheel's reads the same all the time"),
-        "garbage": FaultKind("the left wheel's reads noise up to this either way", 50.0, "rad and rad/s", 0.0),
-        "wrong": FaultKind(
-            "the left wheel's reads too much by this; the opposite where not given", None, "rad and rad/s"
-        ),
-        "slow": _time("the left wheel's follows with this time constant", 0.2),
-        "delayed": _time("the left wheel's reads what was this long ago", 0.1),
-        "intermittent": _share("the left wheel's reads zero in this share of the plant's steps", 0.5),
-        "swapped": FaultKind("the two wheels' are exchanged"),
+        "off": FaultKind("reads zero, and no error"),
+        "stuck": FaultKind("reads the same all the time"),
+        "garbage": FaultKind("reads noise up to this either way", 50.0, "rad and rad/s", 0.0),
+        "wrong": FaultKind("reads too much by this; the opposite where not given", None, "rad and rad/s"),
+        "slow": _time("follows with this time constant", 0.2),
+        "delayed": _time("reads what was this long ago", 0.1),
+        "intermittent": _share("reads zero in this share of the plant's steps", 0.5),
+        "swapped": FaultKind("those of the left and the right wheel are exchanged"),
     },
     "can": {
         "off": FaultKind("nothing passes either way, and nothing reports it: a cut cable"),
@@ -190,7 +190,7 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
 IMU_SIGNALS: Final = tuple(f"{kind}_{axis}" for kind in ("angular_velocity", "linear_acceleration") for axis in "xyz")
 """What an IMU measures."""
 _ACT_AHEAD: Final = {
-    *((target, "delayed") for target in ("imu", "encoder", "left_motor", "right_motor", "stranger")),
+    *((target, "delayed") for target in ("imu", "encoder", "left_motor", "right_motor", "motor", "stranger")),
     ("can", "wrong"),
     ("stranger", "off"),
     ("stranger", "garbage"),
@@ -204,6 +204,9 @@ _ACT_AHEAD: Final = {
 }
 """Faults for which the run is another one before they begin: it remembers what was before, has another participant on
 its bus, or a model that can misbehave."""
+_NAMED: Final[Mapping[Target, str]] = {"parameter": "a variable of the model", "motor": "an axis"}
+"""Targets that are one of several, and what they are."""
+_MAY_BE_NAMED: Final = frozenset({*_NAMED, "encoder"})
 _FOR_GOOD: Final = {("battery", "off"), ("drive", "off"), ("process", "off"), ("process", "stuck")}
 """Faults whose end is not in the declaration's hands."""
 
@@ -218,7 +221,8 @@ class Fault(Section, frozen=True, kw_only=True):
         amount: How much; see `KINDS`. None for what stands there.
         every_s: It comes again each time after so long, s; None for once.
         since: What `at_s` counts from: when the robot was armed, or when it was switched on.
-        name: The variable that is written, of a parameter; of an IMU that is wrong the signal that alone is.
+        name: The variable that is written, of a parameter; the axis of a motor, and that of an encoder which is not the
+            left wheel's; of an IMU that is wrong the signal that alone is.
     """
 
     target: Target
@@ -244,11 +248,7 @@ class Fault(Section, frozen=True, kw_only=True):
             raise ValueError(f"for_s has no meaning where {self.target} is {self.type}: leave it out")
         if self.every_s is not None and (self.for_s is None or self.for_s >= self.every_s):
             raise ValueError("every_s needs a for_s that is shorter")
-        if self.target == "imu" and self.type == "wrong":
-            if self.name not in {None, *IMU_SIGNALS}:
-                raise ValueError(f"name of an IMU's fault is one of {', '.join(IMU_SIGNALS)}, not '{self.name}'")
-        elif (self.name is not None) != (self.target == "parameter"):
-            raise ValueError("name is that of a parameter: a parameter needs one; an IMU that is wrong may have one")
+        self._check_name()
 
     @property
     def acts_ahead(self) -> bool:
@@ -259,6 +259,17 @@ class Fault(Section, frozen=True, kw_only=True):
     def size(self) -> float | None:
         """The amount, or what it is where none is given."""
         return KINDS[self.target][self.type].amount if self.amount is None else self.amount
+
+    def _check_name(self) -> None:
+        if self.target == "imu" and self.type == "wrong":
+            if self.name not in {None, *IMU_SIGNALS}:
+                raise ValueError(f"name of an IMU's fault is one of {', '.join(IMU_SIGNALS)}, not '{self.name}'")
+        elif self.name is None and self.target in _NAMED:
+            raise ValueError(f"{self.target} needs a name, that of {_NAMED[self.target]}")
+        elif self.name is not None and self.target not in _MAY_BE_NAMED:
+            raise ValueError(f"name has no meaning where {self.target} is {self.type}: leave it out")
+        elif self.name is not None and self.type == "swapped":
+            raise ValueError(f"{self.target} that is swapped is left and right: leave name out")
 
 
 class Timeline:

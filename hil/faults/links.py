@@ -8,7 +8,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.faults.fault import Injection, Injections, active
+from segway_ecc.hil.faults.fault import Injection, Injections, Target, active
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault, LinkFront
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
@@ -180,15 +180,16 @@ class DisturbedLine:
 
 
 class CutOnlyLine:
-    """Cuts the serial line that a robot has in place of a bus, where its bus would be, once in every tick of the rig.
+    """Cuts a serial line that drives or an IMU have in place of a bus, once in every tick of the rig.
 
-    The frames that `DisturbedBus` keeps from it are not all: at its end a node repeats the last command that it wrote.
+    It is cut where the bus would be, where the IMU is off, and where there is no supply. The frames that `DisturbedBus`
+    keeps from it are not all: at its end a node repeats the last command that it wrote.
     """
 
-    def __init__(self, wires: SimulatedSerial, injections: Injections) -> None:
-        """Cut `wires`."""
+    def __init__(self, wires: SimulatedSerial, injections: Injections, *targets: Target) -> None:
+        """Cut `wires` while one of the targets is off."""
         self._wires = wires
-        self._injections = injections.of("can")
+        self._injections = injections.of(*targets)
 
     def act(self) -> None:
         """Do what is due now."""

@@ -3,24 +3,29 @@
 
 from collections import deque
 from collections.abc import Sequence
+from typing import Final
 
 from segway_ecc.hil.devices.device import unseen_advance_of
-from segway_ecc.hil.faults.fault import Injection, Injections
+from segway_ecc.hil.errors import PlantMismatchError
+from segway_ecc.hil.faults.fault import Fault, Injection, Injections, Target
 from segway_ecc.hil.rig.fronts import PlantFront
 from segway_ecc.node.model.model import Model, Variable
 
+_WHEELS = ("left.", "right.")
 _PREFIXES = {
     "imu": ("imu.",),
     "encoder": ("left.",),
     "left_motor": ("left.",),
     "right_motor": ("right.",),
-    "battery": ("left.", "right."),
+    "battery": ("",),
 }
+"""How the names of what a fault disturbs begin, where it names no axis: a battery is that of all motors."""
 _EXCHANGED = (("left.", "right."), ("_x", "_y"))
 """Parts of names, which what is exchanged differs in: the wheel, and the IMU's axis."""
 
+_MOTORS: Final[Sequence[Target]] = ("left_motor", "right_motor", "motor")
 _VARYING = {
-    *((motor, kind) for motor in ("left_motor", "right_motor") for kind in ("garbage", "intermittent", "slow")),
+    *((motor, kind) for motor in _MOTORS for kind in ("garbage", "intermittent", "slow")),
     ("battery", "intermittent"),
     *((sensor, "slow") for sensor in ("imu", "encoder")),
 }
@@ -31,14 +36,19 @@ class DisturbedPlant(PlantFront):
     """A plant with faults."""
 
     def __init__(self, plant: Model, injections: Injections) -> None:
-        """Stand in front of `plant`."""
+        """Stand in front of `plant`.
+
+        Raises:
+            PlantMismatchError: It has nothing of what a fault disturbs.
+        """
         super().__init__(plant)
         self._of_sensors = injections.of("imu", "encoder")
-        self._of_motors = injections.of("left_motor", "right_motor", "battery")
+        self._of_motors = injections.of(*_MOTORS, "battery")
         self._sensors: list[_Disturbance] = []
         self._motors: list[_Disturbance] = []
         self._varying: list[_Disturbance] = []
         self._advance_unseen = unseen_advance_of(plant)
+        self._prepare()
 
     def advance_unseen(self, u: Sequence[float], steps: int) -> Sequence[float]:
         """Make some steps; faults see what sensors show nevertheless; see `Unseen`."""
@@ -85,17 +95,18 @@ class _Disturbance:
         fault = injection.fault
         self._injection = injection
         names = [v.name for v in variables]
-        if fault.type == "swapped" and fault.target != "imu":
-            prefixes = _PREFIXES["battery"]
-        elif fault.name is not None:
-            prefixes = (f"imu.{fault.name}",)
-        else:
-            prefixes = _PREFIXES[fault.target]
+        prefixes = _prefixes(fault)
         self._places = [place for place, name in enumerate(names) if name.startswith(prefixes)]
+        if not self._places and fault.target != "imu":  # of an IMU some faults are those of its frames
+            known = ", ".join(dict.fromkeys(name.partition(".")[0] for name in names if "." in name))
+            raise PlantMismatchError(
+                f"a fault of {fault.target} disturbs what begins with {' or '.join(prefixes)}: the plant has none of "
+                f"it; its parts are {known}"
+            )
         mine = [names[place] for place in self._places]
         self._others = [mine.index(_other(name, mine)) for name in mine]
         self._step_size = step_size
-        self._is_factor = fault.target in {"left_motor", "right_motor", "battery"}
+        self._is_factor = fault.target in {*_MOTORS, "battery"}
         self._kept = [0.0] * len(self._places)
         self._varies = (fault.target, fault.type) in _VARYING
         length = round(injection.size / step_size) + 1 if fault.type == "delayed" else 1
@@ -154,6 +165,15 @@ class _Disturbance:
         share = self._step_size / (size + self._step_size)
         self._kept = [kept + share * (value - kept) for kept, value in zip(self._kept, true, strict=True)]
         return self._kept
+
+
+def _prefixes(fault: Fault) -> tuple[str, ...]:
+    """How the names of what a fault disturbs begin."""
+    if fault.type == "swapped" and fault.target != "imu":
+        return _WHEELS
+    if fault.name is None:
+        return _PREFIXES[fault.target]
+    return (f"imu.{fault.name}",) if fault.target == "imu" else (f"{fault.name}.",)
 
 
 def _other(name: str, names: Sequence[str]) -> str:

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple, Self
 import can
 import msgspec
 
-from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandId, voltage_of
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.latency.setpoints import MOST, STEP, Echo, Timed
@@ -191,7 +191,7 @@ def measure(
 
 
 def _wheel_commands(channel: str) -> can.BusABC:
-    filters = [{"can_id": int(FrameId.WHEEL_COMMAND), "can_mask": 0x7FF, "extended": False}]
+    filters = [{"can_id": int(CommandId.RIGHT_COMMAND), "can_mask": 0x7FF, "extended": False}]
     try:
         return can.Bus(interface="local", channel=channel, can_filters=filters)
     except (can.CanError, OSError) as error:
@@ -199,17 +199,14 @@ def _wheel_commands(channel: str) -> can.BusABC:
 
 
 def _listen(bus: can.BusABC, is_over: Callable[[], bool]) -> list[Timed]:
-    """The motor frames that are there until it is over, each with the set-point that it was made from."""
+    """The frames that complete a command, until it is over, each with the set-point that it was made from."""
     seen = []
     with real_time_priority():  # a time is noted when the frame is there, not when other programs let this one run
         while not is_over():
             frame = bus.recv(_RECEIVE_S)
             at_ns = time.monotonic_ns()
-            if frame is None or frame.arbitration_id != FrameId.WHEEL_COMMAND:
-                continue
-            payload, _ = decode(frame.arbitration_id, bytes(frame.data))
-            if isinstance(payload, WheelCommand):
-                seen.append(Timed(round(payload.left_voltage / STEP), at_ns))
+            if frame is not None and frame.arbitration_id == CommandId.RIGHT_COMMAND:
+                seen.append(Timed(round(voltage_of(bytes(frame.data)) / STEP), at_ns))
     return seen
 
 

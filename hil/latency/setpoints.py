@@ -34,9 +34,9 @@ _BOTH_WAYS_S: Final = 1.0
 
 
 class Echo(SectionedModel):
-    """Gives its set-point to a motor, so that a motor frame shows which set-point it was made from.
+    """Gives its set-point to the motors, so that a motor frame shows which set-point it was made from.
 
-    The voltage of the left motor, V, is the forward velocity that was asked for, m/s.
+    The voltage of either motor, V, is the forward velocity that was asked for, m/s.
     """
 
     name = "echo"
@@ -51,7 +51,7 @@ class Echo(SectionedModel):
 
     def output(self) -> Sequence[float]:
         """Hand it on."""
-        return self.setpoint, 0.0
+        return self.setpoint, self.setpoint
 
 
 class Timed(NamedTuple):

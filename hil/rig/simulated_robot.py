@@ -92,6 +92,12 @@ class SimulatedRobot:
         for device in self.devices:
             device.send_telemetry(now_ns, outputs)
 
+    def coast(self) -> None:
+        """One tick of the plant alone, with what the motors gave it last; frames wait for the devices' next pass."""
+        self._ticks += 1
+        if self._ticks % self._ticks_per_step == 0:
+            self.outputs, self._by_name_of = self._advance(self.inputs, self._steps), None
+
     def _all_sleep(self, now_ns: int) -> bool:
         """Whether no device needs a pass for its own sake."""
         if not self._may_sleep:

@@ -29,6 +29,8 @@ Observer = Callable[[int, Sequence[float]], None]
 """Called after each tick of the devices with the wall-clock time, ns, and the plant's outputs."""
 Trace = Callable[[int, int, Sequence[float]], None]
 """Called after each tick with the monotonic and the wall-clock time at which it began, ns, and what the motors give."""
+_COASTS_NS: Final = 100_000_000
+"""The plant runs alone no longer than this: a machine that never catches up has devices all the same."""
 WALL_START_NS: Final = 1_700_000_000_000_000_000
 """What the simulated wall clock reads at monotonic time zero."""
 
@@ -122,6 +124,9 @@ class RealTimePlant:
     """Ticks a simulated robot at its own rate until it is stopped.
 
     A tick that comes late is made up for: the laws of physics skip nothing. Those `late` came by more than a whole one.
+    Where more are due, the plant alone makes up for them (`SimulatedRobot.coast`), and the devices have the last one. A
+    device that measured in the first of them would send, now, where a wheel was then: at 20 rad/s and 27 ms that angle
+    is off by half a radian, and a velocity that is right disagrees with it.
     """
 
     def __init__(self, robot: SimulatedRobot, clock: Clock) -> None:
@@ -149,16 +154,20 @@ class RealTimePlant:
             trace: Sees what the motors give, when they really give it.
             before_tick: Called before each tick; what it changes is in force in that tick.
         """
-        deadline_ns, tick_ns = self._clock.now_ns(), self.robot.tick_ns
+        deadline_ns, tick_ns, behind = self._clock.now_ns(), self.robot.tick_ns, 0
         try:
             while not self._stopped:
                 self._clock.sleep_until_ns(deadline_ns)
                 late_ns = self._clock.now_ns() - deadline_ns
                 self.late += late_ns > tick_ns
+                behind = max(min(late_ns, _COASTS_NS) - 1, 0) // tick_ns if behind == 0 else behind - 1
                 if before_tick is not None:
                     before_tick()
                 now_ns, wall_ns = self._clock.now_ns(), self._clock.wall_ns()
-                self.robot.tick(now_ns)
+                if behind:
+                    self.robot.coast()
+                else:
+                    self.robot.tick(now_ns)
                 if trace is not None:
                     trace(now_ns, wall_ns, self.robot.inputs)
                 if observe is not None:

@@ -15,7 +15,7 @@ import pytest
 
 from segway_ecc.firmware_io.build import build_hardware
 from segway_ecc.firmware_io.clock import RealClock
-from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandId
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.heartbeat import (
     BusOwnedError,
@@ -473,9 +473,9 @@ def test_a_controller_elsewhere_is_known_by_its_frames_before_anything_is_sent(m
     """It holds no name of this machine's kernel."""
     other = make_can_link(CAN.interface, CAN.channel, 500_000)
     other.open()
-    monkeypatch.setattr(BusOwner, "pause", lambda _owner: other.send(Frame(FrameId.WHEEL_COMMAND, bytes(8))))
+    monkeypatch.setattr(BusOwner, "pause", lambda _owner: other.send(Frame(CommandId.LEFT_COMMAND, bytes(8))))
     robot = build_hardware(WheelBoardSettings(can=CAN), 0.01, RealClock())
-    with pytest.raises(BusOwnedError, match=r"command frames that this node did not send, 0x110 "):
+    with pytest.raises(BusOwnedError, match=r"command frames that this node did not send, 0x113 "):
         robot.open()
     robot.close()
 

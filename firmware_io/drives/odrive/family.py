@@ -63,7 +63,8 @@ def _to_check(settings: OdriveSettings) -> SettingsToCheck | None:
         "as delivered, an axis disarms above 2.4 turn/s of the motor, and at the first braking with no brake resistor",
         f"type in odrivetool: {', '.join(unread)}; set vel_limit above the "
         "fastest that the motor turns and dc_max_negative_current to what the battery takes (such as -10), then "
-        "odrv0.save_configuration(). With 0.6 the node reads them itself where the robot file has `endpoints`",
+        "odrv0.save_configuration(). With 0.6 the node reads them itself where the robot file has `endpoints`: "
+        "python -P -m segway_ecc.firmware_io.drives.odrive.endpoints flat_endpoints.json prints that section",
     )
 
 

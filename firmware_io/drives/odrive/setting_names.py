@@ -57,6 +57,7 @@ PATHS: Final[Mapping[Firmware, Mapping[OwnSetting, str]]] = {
         **_BOTH,
         OwnSetting.CURRENT_LIMIT: "axis{}.config.motor.current_soft_max",
         OwnSetting.TORQUE_LIMIT: "axis{}.config.torque_soft_max",
+        OwnSetting.BRAKE_RESISTOR: "config.brake_resistor0.enable",
     },
 }
 """Where odrivetool has each, under the board and with the axis' number to be filled in."""

@@ -82,6 +82,7 @@ class WheelBoard(PhasedDrive):
         stale_ns: dict[int, int] = {
             frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry
         }
+        self._status_stale_ns = stale_ns[FrameId.BOARD_STATUS]
         self._fresh = Freshness(stale_ns, now_ns, settings.ride_through_s)
         self._newest: dict[int, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
@@ -102,6 +103,9 @@ class WheelBoard(PhasedDrive):
             self._status = payload
             if payload.state is BoardState.ENABLED:
                 self._enabling.confirm()
+            elif payload.state is BoardState.DISABLED:
+                # On a line that was just taken a status of before may have confirmed: a slow one brings it 20 ms late.
+                self._enabling.retract(received_ns, self._status_stale_ns)
             is_set = abs(payload.watchdog_s - self._watchdog_s) <= _WATCHDOG_RESOLUTION_S
             if not is_set and self._enabling.phase is Phase.OFF:
                 # The board was switched on after us, or missed the frame.

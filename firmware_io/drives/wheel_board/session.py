@@ -69,6 +69,12 @@ def code_of(session: int, counter: int, identifier: int, body: bytes) -> int:
     return binascii.crc32(body, binascii.crc32(_CONTEXT.pack(session, counter, identifier)))
 
 
+def voltage_of(data: bytes) -> float:
+    """The voltage in LEFT_COMMAND or RIGHT_COMMAND, V, for who only looks on: neither counter nor code is checked."""
+    steps: int = _SIGNED.unpack_from(data)[0]
+    return voltage_value(steps)
+
+
 class CommandSession:
     """What both ends know of a session: its number, and the count of the newest command, sent or obeyed.
 

@@ -14,12 +14,14 @@ class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_boar
     """Our own wheel board: a serial line to fall back on, and whether it has an IMU and sends what it measures.
 
     Attributes:
-        protocol: Version of its commands. In 2 they are bound to a session, by which noise and recordings are refused.
+        protocol: Version of its commands. In 2, the default, they are bound to a session, by which noise and recordings
+            are refused; of random frames under its identifiers a board of version 1 takes one in 680. A board of the
+            other version is refused at arming, so the default decides what a robot file that is silent is protected by.
     """
 
     serial: SerialSettings | None = None
     imu: bool = False
-    protocol: Literal[1, 2] = 1
+    protocol: Literal[1, 2] = 2
 
     def __post_init__(self) -> None:
         """Refuse two IMUs, whose signals would have the same names."""

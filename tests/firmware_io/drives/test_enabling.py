@@ -39,6 +39,20 @@ def test_a_second_confirmation_changes_nothing(enabling: Enabling) -> None:
     assert _phase(enabling) is Phase.ENABLED
 
 
+def test_retracts_a_confirmation_of_a_command_that_is_young(enabling: Enabling) -> None:
+    enabling.begin(1_000)
+    enabling.confirm()
+    enabling.retract(1_101, 100)
+    assert _phase(enabling) is Phase.ENABLED
+    enabling.retract(1_100, 100)
+    assert _phase(enabling) is Phase.ENABLING
+
+
+def test_what_was_not_confirmed_is_not_retracted(enabling: Enabling) -> None:
+    enabling.retract(0, 100)
+    assert _phase(enabling) is Phase.OFF
+
+
 def test_ends_from_any_phase(enabling: Enabling) -> None:
     enabling.end(5)
     assert _phase(enabling) is Phase.OFF

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: MIT
 """A robot, its simulated drives and its guard on one simulated bus, in lock step."""
 
+import importlib.resources
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 
@@ -145,3 +147,16 @@ class Guarded:
 @pytest.fixture
 def guarded() -> type[Guarded]:
     return Guarded
+
+
+@pytest.fixture
+def cart_of(tmp_path: Path) -> Callable[[int], str]:
+    """Makes the file of a cart behind a wheel board of a version of the protocol."""
+
+    def made(protocol: int) -> str:
+        text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart-can.yaml").read_text("utf-8")
+        path = tmp_path / f"cart-{protocol}.yaml"
+        path.write_text(text.replace("type: wheel_board\n", f"type: wheel_board\n  protocol: {protocol}\n"), "utf-8")
+        return str(path)
+
+    return made

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The guard of a wheel board of version 2: what it reads, what it sends, and the two in lock step."""
+"""The guard of a wheel board of version 2: what it reads, what it sends; and of both versions in lock step."""
 
-import importlib.resources
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -129,19 +127,10 @@ def test_next_session_and_next_bits_are_followed(sides: Sides) -> None:
     assert sides.stopped() == [OFF, OFF]
 
 
-@pytest.fixture
-def robot(tmp_path: Path) -> str:
-    """The cart behind a board of version 2."""
-    text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart-can.yaml").read_text("utf-8")
-    path = tmp_path / "cart.yaml"
-    path.write_text(text.replace("type: wheel_board\n", "type: wheel_board\n  protocol: 2\n"), "utf-8")
-    return str(path)
-
-
-@pytest.fixture
-def driving(guarded: Callable[[str], Any], robot: str) -> Any:
-    """The cart, driving."""
-    g = guarded(robot)
+@pytest.fixture(params=[1, 2])
+def driving(guarded: Callable[[str], Any], cart_of: Callable[[int], str], request: pytest.FixtureRequest) -> Any:
+    """The cart behind a board of either version, driving."""
+    g = guarded(cart_of(request.param))
     g.wait(200)
     g.arm()
     g.drive(100)
@@ -177,6 +166,7 @@ def test_dead_node_s_torque_ends_in_time(driving: Any) -> None:
     assert driving.watch.intervened == 1
 
 
+@pytest.mark.parametrize("driving", [2], indirect=True)
 def test_recording_does_nothing_while_the_node_is_dead(driving: Any) -> None:
     recording = record(driving, 150)
     driving.kill()

@@ -12,6 +12,7 @@ from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, Stopper
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.settings import HardwareSettings
@@ -19,6 +20,8 @@ from segway_ecc.node.config import NoHardwareSection, load_robot
 
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]
 MOVE, ZERO, DISABLE, ON, OFF = Meaning
+
+VERSION_1 = WheelBoardSettings(protocol=1)
 
 
 def hardware(robot: str) -> HardwareSettings:
@@ -63,7 +66,7 @@ def test_family_names_its_drives(robot: str, drives: list[str], *, reports: bool
 
 
 def test_what_a_wheel_board_s_frames_mean() -> None:
-    stopper = stopper_of(hardware("cart-can"))
+    stopper = stopper_of(VERSION_1)
     states = {state: encode(FrameId.BOARD_STATUS, BoardStatus(state, 36.0, 0.05, 0), 3) for state in BoardState}
 
     assert stopper.read(command(1, enable=True)) == Observation("board", MOVE)
@@ -78,7 +81,7 @@ def test_what_a_wheel_board_s_frames_mean() -> None:
 
 
 def test_what_is_not_a_wheel_board_s_frame_means_nothing() -> None:
-    stopper = stopper_of(hardware("cart-can"))
+    stopper = stopper_of(VERSION_1)
     good = command(1, enable=True)
     flipped = bytes((good.data[0] ^ 1, *good.data[1:]))
 
@@ -89,7 +92,7 @@ def test_what_is_not_a_wheel_board_s_frame_means_nothing() -> None:
 
 
 def test_a_wheel_board_s_stop_frames_count_on_where_the_node_was() -> None:
-    stopper = stopper_of(hardware("cart-can"))
+    stopper = stopper_of(VERSION_1)
     stopper.read(command(14, enable=True))
     off = [Frame(0x110, encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), n)) for n in (15, 16, 1, 2)]
 
@@ -97,11 +100,11 @@ def test_a_wheel_board_s_stop_frames_count_on_where_the_node_was() -> None:
 
 
 def test_a_wheel_board_is_stopped_although_nothing_was_heard_of_the_node() -> None:
-    assert [frame.data[6] & 15 for frame in stopper_of(hardware("cart-can")).stop()] == [1, 2]
+    assert [frame.data[6] & 15 for frame in stopper_of(VERSION_1).stop()] == [1, 2]
 
 
 def test_a_wheel_board_s_status_does_not_move_the_counter() -> None:
-    stopper = stopper_of(hardware("cart-can"))
+    stopper = stopper_of(VERSION_1)
     stopper.read(command(4, enable=True))
     stopper.read(Frame(0x130, encode(FrameId.BOARD_STATUS, BoardStatus(BoardState.ENABLED, 36.0, 0.05, 0), 9)))
 

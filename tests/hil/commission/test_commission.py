@@ -10,8 +10,10 @@ import pytest
 from segway_ecc.hil.commission import commission as commissioning
 from segway_ecc.hil.commission.commission import commission, passes
 from segway_ecc.hil.commission.miswiring import ERRORS
-from segway_ecc.hil.commission.person import Task
+from segway_ecc.hil.commission.person import Answer, Task
 from segway_ecc.hil.commission.simulated import EXACTLY, SimulatedSite
+from segway_ecc.hil.commission.site import RealSite
+from segway_ecc.hil.errors import RigError
 from segway_ecc.node.commissioning import STEPS, CommissioningReport
 from segway_ecc.node.config import load_robot
 
@@ -92,3 +94,33 @@ def test_right_robot_passes_in_hands_that_are_not_exact(seed: int, monkeypatch: 
 
     assert {step.step: step.text for step in report.steps if step.verdict == "refused"} == {}
     assert passes(report)
+
+
+class _NoPerson:
+    """Is asked nothing; see `Person`."""
+
+    def begin(self, task: Task) -> None:
+        raise AssertionError(task)
+
+    def answer(self) -> Answer | None:
+        raise AssertionError
+
+    def read(self, line: str) -> None:
+        raise AssertionError(line)
+
+
+@pytest.mark.parametrize(
+    ("robot", "axes"),
+    [
+        ("skid-steer", "front_left, front_right, rear_left, rear_right"),
+        ("pan-tilt", "pan, tilt"),
+        ("arm", "shoulder, elbow, wrist"),
+    ],
+)
+def test_robot_with_other_axes_is_refused_by_their_names(robot: str, axes: str) -> None:
+    file = load_robot(robot)
+    message = f"^robot '{robot}' has the axes {axes}: commissioning is for a robot that balances on two wheels"
+    with pytest.raises(RigError, match=message):
+        SimulatedSite(file)
+    with pytest.raises(RigError, match=message):
+        RealSite(file, _NoPerson(), ())

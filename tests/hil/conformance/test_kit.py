@@ -11,7 +11,7 @@ import pytest
 from segway_ecc.firmware_io.devices import Drive, FrameKey
 from segway_ecc.firmware_io.drives.family import DriveFamily, DriveWatchdog, family_of
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
-from segway_ecc.firmware_io.drives.wheel_board.stopper import WheelBoardStopper
+from segway_ecc.firmware_io.drives.wheel_board.stopper import SessionBoardStopper
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.conformance.kit import CONFORMANCE_ASPECTS, check_conformance
 from segway_ecc.hil.conformance.rig import NonconformanceError
@@ -70,14 +70,14 @@ class Unfit(Altered):
         self.inputs = ("pan.torque",)
 
 
-class NoStop(WheelBoardStopper):
+class NoStop(SessionBoardStopper):
     """Stops nothing."""
 
     def stop(self) -> Sequence[Frame]:
         return []
 
 
-class NoReading(WheelBoardStopper):
+class NoReading(SessionBoardStopper):
     """Reads nothing."""
 
     def read(self, _frame: Frame) -> None:

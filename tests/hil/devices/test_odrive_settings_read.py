@@ -24,7 +24,7 @@ from segway_ecc.node.config import load_robot
 
 CYCLE_NS = 10_000_000
 BAUDRATE = 921_600
-IDS = {name: number for number, name in ENDPOINTS.items() if ".config." in name or name.startswith("config.dc_max_neg")}
+IDS = {name: number for number, name in ENDPOINTS.items()}
 READABLE = {
     "axis0.controller.config.vel_limit",
     "axis0.controller.config.enable_overspeed_error",
@@ -34,6 +34,7 @@ READABLE = {
     "axis0.config.enable_watchdog",
     "axis0.config.watchdog_timeout",
     "config.dc_max_negative_current",
+    "config.brake_resistor0.enable",
 }
 
 
@@ -80,7 +81,7 @@ def test_what_fits_is_read_and_the_robot_is_armed(line: str) -> None:
     assert cart.robot.exchange((0.0, 0.0)).ready
     names = {reading.name for reading in readings_of(cart.robot)}
     assert {"left_vel_limit_turns_s", "right_watchdog_timeout_s"} <= names
-    assert len(names) == 2 * (len(OwnSetting) - (line == "can"))
+    assert len(names) == 2 * len(OwnSetting)
     assert cart.device.refused_frames == 0
 
 
@@ -103,6 +104,15 @@ def test_a_trap_refuses_arming_with_the_command_and_is_gone_once_it_was_typed(li
     for board in cart.device.boards:
         board.dc_max_negative_current_a = -20.0
     cart.run(1_700)
+    assert cart.robot.arming_failures() == []
+
+
+@pytest.mark.parametrize("line", ["can", "serial"])
+def test_board_with_a_brake_resistor_may_take_no_current_back(line: str) -> None:
+    cart = Cart(line)
+    for board in cart.device.boards:
+        board.dc_max_negative_current_a, board.enable_brake_resistor = FACTORY_NEGATIVE_CURRENT_A, True
+    cart.run(220)
     assert cart.robot.arming_failures() == []
 
 

@@ -44,7 +44,8 @@ TELEMETRY = frozenset(FrameId) - {FrameId.WHEEL_COMMAND, FrameId.BOARD_SETUP}
 WHEELS = [FrameId.LEFT_WHEEL, FrameId.RIGHT_WHEEL]
 IMU = [FrameId.IMU_GYRO, FrameId.IMU_ACCELERATION]
 STATUS = [FrameId.BOARD_STATUS]
-WITH_IMU = WheelBoardSettings(imu=True)
+VERSION_1 = WheelBoardSettings(protocol=1)
+WITH_IMU = WheelBoardSettings(imu=True, protocol=1)
 
 
 class Port:
@@ -109,7 +110,7 @@ class Bench:
         self.host_link, self.board_link = bus.attach("host"), bus.attach("board")
         self.serial_host = SerialHost(port)
         self.can, self.serial = Endpoint(self.host_link.send, TELEMETRY), Endpoint(self.serial_host.send, TELEMETRY)
-        self.board = SimulatedWheelBoard(self.board_link, settings or WheelBoardSettings(), port)
+        self.board = SimulatedWheelBoard(self.board_link, settings or VERSION_1, port)
 
     def tick(self, *commands: WheelCommand, times: int = 1) -> None:
         """Send commands over CAN, and let the board tick one period later."""
@@ -430,7 +431,7 @@ def test_counters_are_those_of_the_line(bench: Bench) -> None:
 
 
 def test_a_board_without_a_serial_line_needs_none(fresh: Bench) -> None:
-    board = SimulatedWheelBoard(fresh.board_link)
+    board = SimulatedWheelBoard(fresh.board_link, VERSION_1)
     frames = [Frame(0x110, encode(FrameId.WHEEL_COMMAND, command, n)) for n, command in enumerate((OFF, ON))]
     assert tuple(board.obey([*frames, Frame(0x110, b"")], 0, OUTPUTS)) == (3.0, -4.0)
     assert board.refused_frames == 1
@@ -449,7 +450,7 @@ def test_the_serial_line_alone_drives_the_board(fresh: Bench) -> None:
 def test_a_command_in_pieces_is_taken_once_it_is_whole(fresh: Bench) -> None:
     fresh.tick_serial(OFF)
     port = Port()
-    board = SimulatedWheelBoard(fresh.board_link, port=port)
+    board = SimulatedWheelBoard(fresh.board_link, VERSION_1, port)
     host = SerialHost(port)
     Endpoint(host.send, TELEMETRY).send(FrameId.BOARD_SETUP, BoardSetup(0.03))
     host.ask()
@@ -532,7 +533,7 @@ def test_never_do_two_lines_drive_it_whatever_their_order(fresh: Bench) -> None:
     for number in range(len(choices) ** 4):
         sequence = [choices[number // len(choices) ** place % len(choices)] for place in range(4)]
         owner, driving = None, False
-        fresh.board = SimulatedWheelBoard(fresh.board_link, port=fresh.serial_host._port)
+        fresh.board = SimulatedWheelBoard(fresh.board_link, VERSION_1, fresh.serial_host._port)
         for line, command in sequence:
             fresh.tick(command) if line == "can" else fresh.tick_serial(command)
             owner = owner if command.enable else line

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.frames import WheelCommand
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandSession
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.local_bus import LocalBus
@@ -112,9 +113,11 @@ def test_the_link_reports_the_state_of_the_one_behind(bench: Bench) -> None:
 
 
 def test_a_frozen_sensor_repeats_itself_with_good_counters_and_the_rest_goes_on(bench: Bench) -> None:
-    for counter, is_on in enumerate((False, True)):
-        data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=is_on), counter)
-        bench.host.send(Frame(FrameId.WHEEL_COMMAND, data))
+    session = CommandSession()
+    session.begin(1)
+    for is_on in (False, True):
+        for frame in session.command(WheelCommand(6.0, 6.0, enable=is_on)):
+            bench.host.send(frame)
         bench.rig.sleep_until_ns(bench.rig.now_ns() + TICK_NS)
     bench.tick()
     first = bench.tick()

@@ -60,8 +60,8 @@ def test_a_normal_drive_does_not_trip_and_follows() -> None:
     assert stretch.trip is None
     assert (stretch.cycles, stretch.lost, stretch.refused) == (4000, 0, 0)
     assert stretch.simulated_s == pytest.approx(20.0)
-    # Four sensor frames and a command in every cycle, a status in every fourth, and a few at the start.
-    assert stretch.frames == pytest.approx(4000 * 5.25, rel=0.02)
+    # Four sensor frames and two of a command in every cycle, status and session in every fourth, a few at the start.
+    assert stretch.frames == pytest.approx(4000 * 6.5, rel=0.02)
     assert 0.02 < stretch.max_tilt_rad < 0.3
     assert 0.0 < stretch.max_velocity_error < 0.15
     assert 0.0 < stretch.max_yaw_rate_error < 0.1

@@ -39,9 +39,12 @@ def test_without_an_amount_the_usual_one_holds() -> None:
         ("{target: can, type: stuck, at_s: 1, hard: 1}", "unknown field `hard`"),
         ("{target: can, type: stuck, at_s: 1, every_s: 1}", "every_s needs a for_s that is shorter"),
         ("{target: can, type: stuck, at_s: 1, for_s: 1, every_s: 1}", "every_s needs a for_s that is shorter"),
-        ("{target: parameter, type: wrong, at_s: 1}", "a parameter needs one"),
-        ("{target: can, type: stuck, at_s: 1, name: Track}", "an IMU that is wrong may have one"),
-        ("{target: imu, type: stuck, at_s: 1, name: angular_velocity_x}", "an IMU that is wrong may have one"),
+        ("{target: parameter, type: wrong, at_s: 1}", "parameter needs a name, that of a variable of the model"),
+        ("{target: motor, type: stuck, at_s: 1}", "motor needs a name, that of an axis"),
+        ("{target: motor, type: swapped, at_s: 1, name: elbow}", "motor cannot be swapped; it can be off, stuck"),
+        ("{target: encoder, type: swapped, at_s: 1, name: elbow}", "encoder that is swapped is left and right"),
+        ("{target: can, type: stuck, at_s: 1, name: Track}", "name has no meaning where can is stuck"),
+        ("{target: imu, type: stuck, at_s: 1, name: angular_velocity_x}", "name has no meaning where imu is stuck"),
         ("{target: imu, type: wrong, at_s: 1, name: gyro}", "is one of angular_velocity_x, angular_velocity_y, "),
         ("{target: can, type: stuck, at_s: 1, since: noon}", "since"),
     ],
@@ -57,6 +60,6 @@ def test_every_usual_amount_is_an_allowed_one() -> None:
     for target, kinds in KINDS.items():
         for name, kind in kinds.items():
             if kind.amount is not None:
-                variable = "WheelRadius" if target == "parameter" else None
+                variable = {"parameter": "WheelRadius", "motor": "elbow"}.get(target)
                 fault = Fault(target=target, type=name, at_s=0.0, amount=kind.amount, name=variable)
                 assert fault.size == kind.amount

@@ -223,7 +223,7 @@ def test_a_line_in_place_of_a_bus_is_cut_while_that_would_be() -> None:
     wires = SimulatedSerial(115_200, lambda: clock[0])
     cut = Fault(target="can", type="off", at_s=0.1, for_s=0.1)
     faults = Injections([cut, Fault(target="can", type="stale", at_s=0.0)], 0, lambda: clock[0])
-    line = CutOnlyLine(wires, faults)
+    line = CutOnlyLine(wires, faults, "can", "battery")
     faults.timeline.start()
     arrived = {}
     for at_ms in (50, 150, 250):
@@ -234,3 +234,21 @@ def test_a_line_in_place_of_a_bus_is_cut_while_that_would_be() -> None:
         clock[0] += 10 * MS
         arrived[at_ms] = (wires.device.read(9), wires.host.read(9))
     assert arrived == {50: (b"zero", b"told"), 150: (b"", b""), 250: (b"zero", b"told")}
+
+
+@pytest.mark.parametrize(("target", "targets"), [("battery", ("can", "battery")), ("imu", ("imu", "battery"))])
+def test_a_line_in_place_of_a_bus_is_silent_without_supply_and_that_of_an_imu_that_is_off_too(
+    target: Target, targets: tuple[Target, ...]
+) -> None:
+    clock = [0]
+    wires = SimulatedSerial(115_200, lambda: clock[0])
+    off = Fault(target=target, type="off", at_s=0.1)
+    faults = Injections([off, Fault(target="serial", type="off", at_s=0.0)], 0, lambda: clock[0])
+    line = CutOnlyLine(wires, faults, *targets)
+    faults.timeline.start()
+    seen = []
+    for at_ms in (95, 100, 900):
+        clock[0] = at_ms * MS
+        line.act()
+        seen.append(wires.cut)
+    assert seen == [False, True, True]

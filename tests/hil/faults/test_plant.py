@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
+from segway_ecc.hil.errors import PlantMismatchError
 from segway_ecc.hil.faults.fault import _FOR_GOOD, KINDS, Fault, Injections, Target, Type
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.node.model.model import Variable
@@ -266,3 +267,64 @@ def test_substeps_end_where_single_steps_do(target: Target, kind: Type) -> None:
         return rows
 
     assert seen(are_substeps=True) == seen(are_substeps=False)
+
+
+class Arm(SectionedModel):
+    """Two axes that are no wheels: their angles are the number of the step, and the truth what was pushed."""
+
+    name = "arm"
+    step_size = STEP_S
+    inputs = (Variable("shoulder.torque", "N m"), Variable("elbow.torque", "N m"))
+    outputs = tuple(Variable(name, "") for name in ("shoulder.angle", "elbow.angle", "truth.shoulder", "truth.elbow"))
+
+    def initial(self) -> None:
+        self.steps = 0
+
+    def input(self, u: Sequence[float]) -> None:
+        self.pushed = u
+        self.steps += 1
+
+    def output(self) -> Sequence[float]:
+        return (float(self.steps),) * 2 + tuple(self.pushed)
+
+
+def of_arm(fault: Fault) -> list[float]:
+    """What an arm with a fault shows after the fifth step of a push of 2 and 3."""
+    faults = Injections([fault], 0, lambda: 0)
+    plant = DisturbedPlant(Arm(), faults)
+    plant.initialize([0.0, 0.0])
+    faults.timeline.start()
+    return [plant.step([2.0, 3.0]) for _ in range(5)][-1]
+
+
+@pytest.mark.parametrize(
+    ("fault", "shown"),
+    [
+        (Fault(target="motor", type="off", at_s=0.0, name="elbow"), [6.0, 6.0, 2.0, 0.0]),
+        (Fault(target="motor", type="wrong", at_s=0.0, name="shoulder"), [6.0, 6.0, -2.0, 3.0]),
+        (Fault(target="encoder", type="off", at_s=0.0, name="elbow"), [6.0, 0.0, 2.0, 3.0]),
+        (Fault(target="encoder", type="wrong", at_s=0.0, name="shoulder", amount=0.5), [6.5, 6.0, 2.0, 3.0]),
+        (Fault(target="battery", type="slow", at_s=0.0, amount=0.5), [6.0, 6.0, 1.0, 1.5]),
+        (Fault(target="battery", type="off", at_s=0.0), [6.0, 6.0, 0.0, 0.0]),
+    ],
+)
+def test_motors_encoders_and_the_battery_of_any_axes_fail(fault: Fault, shown: list[float]) -> None:
+    assert of_arm(fault) == shown
+
+
+@pytest.mark.parametrize(
+    ("fault", "begins"),
+    [
+        (Fault(target="left_motor", type="off", at_s=0.0), "left."),
+        (Fault(target="motor", type="off", at_s=0.0, name="wrist"), "wrist."),
+        (Fault(target="motor", type="off", at_s=0.0, name="elb"), "elb."),
+        (Fault(target="encoder", type="stuck", at_s=0.0), "left."),
+        (Fault(target="right_motor", type="swapped", at_s=0.0), "left. or right."),
+    ],
+)
+def test_an_axis_that_is_not_there_is_refused_with_those_that_are(fault: Fault, begins: str) -> None:
+    with pytest.raises(PlantMismatchError) as caught:
+        of_arm(fault)
+    assert f"disturbs what begins with {begins}: the plant has none of it; its parts are shoulder, elbow" in str(
+        caught.value
+    )

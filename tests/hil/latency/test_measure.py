@@ -17,7 +17,7 @@ pytestmark = pytest.mark.real_time
 def test_a_set_point_comes_out_of_the_model_as_it_is() -> None:
     model = Echo()
     assert model.initialize([0.0]) == [0.0, 0.0]
-    assert model.step([0.123]) == [0.123, 0.0]
+    assert model.step([0.123]) == [0.123, 0.123]
 
 
 def test_each_number_is_published_once_in_order_and_its_time_noted_before() -> None:

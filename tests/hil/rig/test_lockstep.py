@@ -6,7 +6,8 @@ import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
-from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, FrameId
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandId
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.case_study.can import LockstepCanSeat
@@ -76,13 +77,16 @@ def test_without_a_device_time_passes_all_the_same(rig: LockstepRig) -> None:
     assert rig.now_ns() == 20 * MS
 
 
+_COMMANDS = frozenset({CommandId.LEFT_COMMAND, CommandId.RIGHT_COMMAND})
+
+
 class LosingLink(LinkFront):
     """Loses commands while it is told to."""
 
     loses = False
 
     def send(self, frame: Frame) -> bool:
-        return (self.loses and frame.arbitration_id == FrameId.WHEEL_COMMAND) or super().send(frame)
+        return (self.loses and frame.arbitration_id in _COMMANDS) or super().send(frame)
 
 
 def _drive(rig: LockstepRig, lost: Collection[int]) -> Drive:

@@ -337,3 +337,30 @@ def test_a_plant_that_does_not_fit_is_refused_with_the_reason(
     devices: Sequence[Motors], plant: Plant, message: str
 ) -> None:
     assert _refusal(devices, plant) == message
+
+
+def test_a_tick_of_the_plant_alone_holds_what_the_motors_give_and_leaves_the_devices_out() -> None:
+    motors, plant = Motors(["left", "right", "lift"], [1.0, 2.0, 3.0]), Plant()
+    robot = SimulatedRobot(SimulatedBus(500_000, lambda: 0).attach("plant"), [motors], plant, TICK_NS)
+    robot.tick(0)
+    called = len(motors.calls)
+    motors.values = [5.0, 5.0, 5.0]
+    robot.coast()
+    assert len(motors.calls) == called
+    assert plant.given[-1] == (1.0, 2.0, 3.0)
+    assert robot.outputs[1] == 2.0
+    robot.tick(TICK_NS)
+    assert plant.given[-1] == (5.0, 5.0, 5.0)
+
+
+def test_a_coarse_plant_steps_every_second_tick_whether_the_devices_have_it_or_not() -> None:
+    motors = Motors(["left", "right", "lift"], [0.0] * 3)
+    robot = SimulatedRobot(SimulatedBus(500_000, lambda: 0).attach("plant"), [motors], CoarsePlant(), TICK_NS)
+    steps = []
+    for is_behind in (False, True, True, False, True, False):
+        if is_behind:
+            robot.coast()
+        else:
+            robot.tick(0)
+        steps.append(robot.outputs[1])
+    assert steps == [0.0, 1.0, 1.0, 2.0, 2.0, 3.0]

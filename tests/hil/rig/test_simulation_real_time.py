@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 
 import can
 import pytest
@@ -8,7 +9,8 @@ from can.interfaces import virtual
 from msgspec import structs
 
 from segway_ecc.firmware_io.clock import Clock
-from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.frames import WheelCommand
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandSession
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.settings import CanSettings
@@ -101,6 +103,38 @@ def test_late_is_more_than_a_whole_tick(file: RobotFile, oversleep_ns: int, late
     assert plant.late == late
 
 
+def test_devices_have_the_last_of_the_ticks_that_are_made_up_for(file: RobotFile) -> None:
+    plant = made(file, ManualClock({2: 17 * MS}))
+    coast, tick, passes = plant.robot.coast, plant.robot.tick, list[str]()
+
+    def coasted() -> None:
+        passes.append("plant")
+        coast()
+
+    def ticked(now_ns: int) -> None:
+        passes.append("devices")
+        tick(now_ns)
+
+    plant.robot.coast, plant.robot.tick = coasted, ticked  # type: ignore[method-assign]
+    plant.robot.link.open()
+    plant.run(Watch(plant, 8))
+    assert passes == ["devices"] * 2 + ["plant"] * 3 + ["devices"] * 3
+
+
+def test_a_plant_that_never_catches_up_has_devices_all_the_same(file: RobotFile) -> None:
+    plant = made(file, ManualClock(dict.fromkeys(range(1000), 7 * MS)))
+    passes: list[int] = []
+
+    def ticked(_now_ns: int) -> None:
+        passes.append(plant.ticks)
+
+    plant.robot.tick = ticked  # type: ignore[method-assign, assignment]
+    plant.robot.link.open()
+    plant.run(Watch(plant, 1_000))
+    assert plant.late == 1_000
+    assert max(later - earlier for earlier, later in pairwise(passes)) == 20, "100 ms of the plant"
+
+
 def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
     plant.robot.link.open()
@@ -110,19 +144,22 @@ def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: Robo
         heard = []
         while (message := host.recv(0)) is not None:
             heard.append(message.arbitration_id)
-    assert [heard.count(frame_id) for frame_id in (0x120, 0x121, 0x130)] == [8, 8, 2]
-    assert len(heard) == 18
+    assert [heard.count(frame_id) for frame_id in (0x120, 0x121, 0x130, 0x131)] == [8, 8, 2, 2]
+    assert len(heard) == 20
 
 
 def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
     watch = Watch(plant, 8)
     plant.robot.link.open()
-    off = encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), 0)
-    data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=True), 1)
+    session = CommandSession()
+    session.begin(1)
+    off = session.command(WheelCommand(0.0, 0.0, enable=False))
+    left, right = session.command(WheelCommand(6.0, 6.0, enable=True))
+    damaged = structs.replace(right, data=right.data[:-1] + bytes((right.data[-1] ^ 1,)))
     with can.Bus(interface="virtual", channel=channel) as host:
-        for sent in (off, data, data[:-1] + bytes((data[-1] ^ 1,))):
-            host.send(can.Message(arbitration_id=0x110, data=sent, is_extended_id=False))
+        for sent in (*off, left, right, damaged):
+            host.send(can.Message(arbitration_id=sent.arbitration_id, data=sent.data, is_extended_id=False))
         plant.run(watch)
 
     assert plant.robot.refused_frames == 1

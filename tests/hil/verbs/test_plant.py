@@ -26,7 +26,7 @@ from tests.patience import PATIENCE_S
 pytestmark = pytest.mark.real_time
 
 Run = Callable[..., Any]
-BOARD_STATUS = 0x130
+BOARD_SESSION = 0x131
 TICK_NS = 5_000_000
 
 
@@ -93,7 +93,7 @@ def test_a_plant_sends_until_it_is_stopped_and_prints_its_counts(tmp_path: Path,
             out, errors = plant.communicate(timeout=PATIENCE_S)
 
     assert message is not None
-    assert message.arbitration_id in {0x120, 0x121, BOARD_STATUS}
+    assert message.arbitration_id in {0x120, 0x121, 0x130, BOARD_SESSION}
     assert plant.returncode == 0
     assert errors == f"segway-ecc: plant of 'cart-can' on local {channel}\n"
     result = json.loads(out)
@@ -125,14 +125,14 @@ def test_plant_answers_on_a_real_serial_port(tmp_path: Path) -> None:
             assert bus.recv(PATIENCE_S) is not None  # its port is open by now
             os.write(robot, codec.request())
             received: list[int] = []
-            while BOARD_STATUS not in received and select.select([robot], [], [], PATIENCE_S)[0]:
+            while BOARD_SESSION not in received and select.select([robot], [], [], PATIENCE_S)[0]:
                 received += [frame.arbitration_id for frame in codec.decode(os.read(robot, 4096), 0)]
             plant.send_signal(signal.SIGINT)
             plant.communicate(timeout=PATIENCE_S)
     os.close(device)
     os.close(robot)
 
-    assert received == [0x120, 0x121, BOARD_STATUS]
+    assert received == [0x120, 0x121, 0x130, BOARD_SESSION]
     assert plant.returncode == 0
     assert link.is_symlink()
 

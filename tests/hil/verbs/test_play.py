@@ -23,7 +23,7 @@ from tests.ros_domains import next_domain
 pytestmark = pytest.mark.real_time
 
 Run = Callable[..., Any]
-COMMAND, LEFT_WHEEL = 0x110, 0x120
+COMMAND, LEFT_WHEEL = 0x114, 0x120
 UP, LEFT = b"\x1b[A", b"\x1b[D"
 
 
@@ -39,7 +39,7 @@ def test_without_a_terminal_it_fails_with_one_line(segway_ecc: Run) -> None:
 class Player:
     """The command on a terminal of its own, and what passes on its bus.
 
-    The layouts are those of wheel_board.dbc: commands in mV with the enabling flag in the fifth byte, velocities in
+    The layouts are those of wheel_board.dbc: commands in mV with the enabling flag in the fourth byte, velocities in
     0.01 rad/s from the fifth byte on.
     """
 
@@ -134,7 +134,7 @@ def velocity(data: bytes) -> float:
 
 
 def is_enabled(data: bytes) -> bool:
-    return bool(data[4] & 1)
+    return bool(data[3] & 0x80)
 
 
 def test_a_person_drives_rests_and_leaves_with_the_motors_off(player: Player) -> None:
@@ -153,7 +153,7 @@ def test_a_person_drives_rests_and_leaves_with_the_motors_off(player: Player) ->
     assert player.process.wait(PATIENCE_S) == 0
     last = player.frames(COMMAND)[-1]
     assert not is_enabled(last)
-    assert last[:4] == bytes(4)
+    assert last[:2] == bytes(2)
     assert player.settings() == player.before, "the terminal is as it was"
     player.end()
     assert b"\x1b[?1049l" in player.screen, "the screen of before is back"

@@ -25,7 +25,8 @@ pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 Start = Callable[..., "subprocess.Popen[str]"]
 BOARD = importlib.resources.files("segway_ecc.firmware_io") / "drives" / "wheel_board"
 DBC = cantools.database.load_string((BOARD / "wheel_board.dbc").read_text("utf-8"), "dbc")
-WHEEL_COMMAND = DBC.get_message_by_name("WHEEL_COMMAND")
+COMMAND = DBC.get_message_by_name("RIGHT_COMMAND")
+"""The frame that completes a command."""
 FAILING_MODEL = """
 from segway_ecc.node.models.cart import CartController
 
@@ -67,10 +68,10 @@ def manoeuvre(tmp_path: Path) -> str:
 
 
 def command_of(arbitration_id: int, data: bytes) -> dict[str, Any] | None:
-    if arbitration_id != WHEEL_COMMAND.frame_id:
+    if arbitration_id != COMMAND.frame_id:
         return None
-    decoded = WHEEL_COMMAND.decode(data)
-    return {name: decoded[name] for name in ("LeftVoltage", "RightVoltage", "Enable")}
+    decoded = COMMAND.decode(data)
+    return {name: decoded[name] for name in ("Voltage", "Enable")}
 
 
 def wait_for_command(bus: can.BusABC, wanted: Callable[[dict[str, Any]], bool]) -> None:
@@ -102,7 +103,7 @@ def last_command(bus: can.BusABC, node: "subprocess.Popen[str]") -> dict[str, An
     return last
 
 
-ZERO = {"LeftVoltage": 0.0, "RightVoltage": 0.0, "Enable": 0}
+ZERO = {"Voltage": 0.0, "Enable": 0}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -111,7 +112,7 @@ def test_a_signal_ends_a_driving_robot_with_zero_and_exit_code_0(  # noqa: PLR09
 ) -> None:
     bus = ["--interface", "local", "--channel", channel]
     node = start(f"node.{number}", "run", "cart-can", *bus, "--no-ros", "--no-log", "--sequence", manoeuvre)
-    wait_for_command(witness, lambda command: command["Enable"] == 1 and command["RightVoltage"] > 0.5)
+    wait_for_command(witness, lambda command: command["Enable"] == 1 and command["Voltage"] > 0.5)
     node.send_signal(number)
 
     assert last_command(witness, node) == ZERO
@@ -140,7 +141,7 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
     robot.write_text(packaged.replace("segway_ecc.node.models.cart:CartController", "failing_model:Failing"), "utf-8")
     words = ["run", str(robot), "--interface", "local", "--channel", channel, "--no-ros", "--no-log"]
     node = start("failing", *words, "--sequence", manoeuvre, env={"PYTHONPATH": str(tmp_path)})
-    wait_for_command(witness, lambda command: command["Enable"] == 1 and command["RightVoltage"] > 0.5)
+    wait_for_command(witness, lambda command: command["Enable"] == 1 and command["Voltage"] > 0.5)
 
     assert last_command(witness, node) == ZERO
     assert node.wait(PATIENCE_S) == 3

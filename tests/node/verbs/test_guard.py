@@ -16,7 +16,15 @@ from typing import Any
 import can
 import pytest
 
-from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, decode
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
+    BoardSession,
+    BoardState,
+    BoardStatus,
+    FrameId,
+    decode,
+    encode,
+)
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandId
 from segway_ecc.firmware_io.heartbeat import BusOwner
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from segway_ecc.firmware_io.links.settings import CanSettings
@@ -121,10 +129,7 @@ def is_state(message: can.Message, state: BoardState) -> bool:
 
 
 def is_command(message: can.Message, *, enable: bool) -> bool:
-    if message.arbitration_id != FrameId.WHEEL_COMMAND:
-        return False
-    payload, _ = decode(message.arbitration_id, bytes(message.data))
-    return isinstance(payload, WheelCommand) and payload.enable is enable
+    return message.arbitration_id == CommandId.RIGHT_COMMAND and bool(message.data[3] & 0x80) is enable
 
 
 def current_for(message: can.Message) -> float | None:
@@ -196,7 +201,7 @@ def test_start_arming_and_a_normal_stop_are_left_alone(processes: Processes) -> 
     ]
 
 
-def test_heartbeats_keep_it_quiet_while_nothing_is_on_the_bus(processes: Processes) -> None:
+def test_heartbeats_keep_it_quiet_while_the_board_only_announced_its_session(processes: Processes) -> None:
     guard = processes.start("guard", "--limit", "0.2")
     beats = BusOwner(CanSettings(interface="local", channel=processes.channel))
     assert guard.stderr is not None
@@ -204,6 +209,8 @@ def test_heartbeats_keep_it_quiet_while_nothing_is_on_the_bus(processes: Process
         pass
     with contextlib.closing(beats):
         beats.open()
+        data = encode(FrameId.BOARD_SESSION, BoardSession(1, 0), 0)
+        processes.bus.send(can.Message(arbitration_id=FrameId.BOARD_SESSION, data=data, is_extended_id=False))
         for _ in range(50):
             beats.beat(is_on=True)
             assert processes.heard_within(0.01) == []
@@ -212,7 +219,7 @@ def test_heartbeats_keep_it_quiet_while_nothing_is_on_the_bus(processes: Process
     out, _ = guard.communicate(timeout=PATIENCE_S)
 
     assert stopping
-    assert all(is_command(m, enable=False) for m in stopping)
+    assert not any(is_command(m, enable=True) for m in stopping)
     assert guard.returncode == 0
     lines = dict(line.split(None, 1) for line in out.splitlines())
     assert lines["intervened"].strip() == "1"
@@ -271,7 +278,7 @@ def test_a_recording_that_is_played_beside_the_node_is_a_fault_that_names_it(pro
 
     mode = next(values for name, values in report["diagnostics"].items() if name.endswith(": mode"))
     assert mode["mode"] == "FAULT"
-    assert mode["reason"].startswith("command frames that this node did not send, 0x110 (1): ")
+    assert mode["reason"].startswith("command frames that this node did not send, 0x114 (1): ")
 
 
 def test_a_robot_that_needs_a_guard_arms_with_one_and_reports_its_end(processes: Processes, tmp_path: Path) -> None:
@@ -280,7 +287,7 @@ def test_a_robot_that_needs_a_guard_arms_with_one_and_reports_its_end(processes:
     needs.write_text(text.replace("  watchdog_s: 0.04\n", "  watchdog_s: 0.04\n  guard: required\n"), "utf-8")
     processes.start("plant", robot=str(needs))
     node = processes.start("run", "--no-ros", "--no-log", "--json", robot=str(needs))
-    processes.wait_for(lambda m: m.arbitration_id == FrameId.WHEEL_COMMAND)
+    processes.wait_for(lambda m: m.arbitration_id == CommandId.RIGHT_COMMAND)
     assert not [m for m in processes.heard_within(2.0) if is_command(m, enable=True)]
     guard = processes.start("guard", "--limit", "0.2", robot=str(needs))
     processes.wait_for(lambda m: is_state(m, BoardState.ENABLED))

@@ -36,7 +36,7 @@ def test_states_are_the_dbcs() -> None:
 
 @pytest.fixture
 def driver(link: Link) -> WheelBoard:
-    return WheelBoard(link, WheelBoardSettings(imu=True), 0.01)
+    return WheelBoard(link, WheelBoardSettings(imu=True, protocol=1), 0.01)
 
 
 def test_units_are_si_and_the_drivers(driver: WheelBoard) -> None:

@@ -46,7 +46,7 @@ class Bench:
 
     def __init__(self, link: Link, sent: list[Frame], watchdog_s: float = 0.05, *, imu: bool = False) -> None:
         self.now_ns = 1_000 * MS
-        settings = WheelBoardSettings(watchdog_s=watchdog_s, imu=imu)
+        settings = WheelBoardSettings(watchdog_s=watchdog_s, imu=imu, protocol=1)
         self.driver = WheelBoard(link, settings, loop_period_s=0.01, now_ns=lambda: self.now_ns)
         self._sent = sent
         self._counters = dict.fromkeys(FrameId, 0)
@@ -169,7 +169,7 @@ def test_what_is_measured_is_stale_after_three_periods_of_the_loop(moving: Bench
 
 def test_in_a_fast_loop_what_is_measured_is_stale_after_three_periods_of_its_frame(link: Link) -> None:
     now_ns = 0
-    driver = WheelBoard(link, WheelBoardSettings(imu=True), loop_period_s=0.001, now_ns=lambda: now_ns)
+    driver = WheelBoard(link, WheelBoardSettings(imu=True, protocol=1), loop_period_s=0.001, now_ns=lambda: now_ns)
     for frame_id, payload in (
         (FrameId.LEFT_WHEEL, Wheel(0.0, 0.0)),
         (FrameId.RIGHT_WHEEL, Wheel(0.0, 0.0)),
@@ -424,11 +424,41 @@ def test_a_board_that_switches_itself_off_or_restarts_while_enabled_is_a_fault_u
 ) -> None:
     bench.enable()
     assert bench.driver.faults() == ()
+    bench.now_ns += 60 * MS + 1
     bench.tell_status(state)
     assert bench.driver.faults() == (f"the wheel board switched its motors off: {state.name}",)
 
     bench.driver.disable()
     assert bench.driver.faults() == ()
+
+
+def test_a_status_of_before_the_command_confirms_no_longer_than_the_next_shows(bench: Bench) -> None:
+    """Where another line was taken: what the board was asked on it before has come late, on a slow line."""
+    bench.enable()
+    bench.now_ns += 60 * MS
+    bench.tell_status(BoardState.DISABLED)
+    assert not bench.is_enabled()
+    assert bench.driver.faults() == ()
+    assert bench.commanded() == [ZERO_ENABLED]
+    bench.tell_status(BoardState.ENABLED)
+    assert bench.is_enabled()
+
+
+@pytest.mark.parametrize("state", OFF_BY_ITSELF)
+def test_a_board_that_switches_itself_off_just_after_it_was_enabled_is_a_fault(bench: Bench, state: BoardState) -> None:
+    bench.enable()
+    bench.tell_status(state)
+    assert bench.driver.faults() == (f"the wheel board switched its motors off: {state.name}",)
+
+
+def test_a_board_that_restarted_just_after_it_was_enabled_is_a_fault_half_a_second_later(bench: Bench) -> None:
+    bench.enable()
+    bench.tell_status(BoardState.DISABLED)
+    bench.now_ns += 500 * MS
+    bench.tell_status(BoardState.DISABLED)
+    assert bench.driver.faults() == ()
+    bench.now_ns += 1
+    assert bench.driver.faults() == ("the wheel board does not enable its motors: DISABLED",)
 
 
 def test_a_board_whose_status_falls_silent_while_enabled_is_a_fault(bench: Bench) -> None:
@@ -526,5 +556,5 @@ def test_it_is_off_only_while_its_status_is_fresh_whatever_else_it_sends(bench: 
 
 @pytest.mark.parametrize(("loop_period_s", "period_s"), [(0.02, 0.005), (0.005, 0.005), (0.001, 0.001)])
 def test_a_board_may_send_as_quickly_as_the_loop(link: Link, loop_period_s: float, period_s: float) -> None:
-    driver = WheelBoard(link, WheelBoardSettings(imu=True), loop_period_s)
+    driver = WheelBoard(link, WheelBoardSettings(imu=True, protocol=1), loop_period_s)
     assert set(driver.periods_s.values()) == {period_s}

@@ -137,6 +137,6 @@ def test_board_without_sessions_may_not_be_armed(bench: Bench) -> None:
 
 
 def test_version_1_knows_no_session(link: Link) -> None:
-    driver = WheelBoard(link, WheelBoardSettings(), loop_period_s=0.01)
+    driver = WheelBoard(link, WheelBoardSettings(protocol=1), loop_period_s=0.01)
     assert (0x131, False) not in set(driver.listens_to)
     assert "session" not in driver.health

@@ -18,7 +18,7 @@ def _decoded(hardware: str) -> WheelBoardSettings:
 
 def test_a_board_alone_has_a_bus_the_longest_watchdog_no_imu_and_no_serial_line() -> None:
     expected = {"can": CanSettings(), "watchdog_s": 0.05, "external_imu": None, "serial": None, "imu": False}
-    expected |= {"guard": "optional", "ride_through_s": 0.0, "protocol": 1}
+    expected |= {"guard": "optional", "ride_through_s": 0.0, "protocol": 2}
     assert structs.asdict(_decoded("")) == expected
 
 
