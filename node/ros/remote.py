@@ -348,7 +348,9 @@ class RemoteStage:
                 unknown = UnknownNameError(f"parameter of model '{self._model.name}'", name, names)
                 raise ConfigurationError(f"parameter override: {unknown}")
             if value is None:
-                raise ConfigurationError(f"parameter override: '{name}' takes a floating-point number")
+                raise ConfigurationError(
+                    f"parameter override: '{name}' takes a floating-point number: write it with a point, such as 1.0"
+                )
             values.append((name, value))
         refusal = writer.write(values)
         if refusal:

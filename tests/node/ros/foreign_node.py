@@ -8,15 +8,18 @@ import json
 import sys
 import time
 from collections import defaultdict
+from pathlib import Path
 from typing import Any
 
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64, Header, String
@@ -232,6 +235,29 @@ class ForeignNode:
         parameters = [Parameter(name, value=value).to_parameter_msg()]
         answer = self._ask(SetParameters, f"{node}/set_parameters", SetParameters.Request(parameters=parameters))
         return [answer.results[0].successful, answer.results[0].reason]
+
+    def dump_parameters(self, node: str, path: str) -> Any:
+        """What `ros2 param dump` does: write all parameters of a node into a file, and return them."""
+        client = self._parameters(node)
+        names = list(self._result(client.list_parameters()).result.names)
+        values = [parameter_value_to_python(value) for value in self._result(client.get_parameters(names)).values]
+        found = dict(zip(names, values, strict=True))
+        Path(path).write_text(yaml.safe_dump({node: {"ros__parameters": found}}), "utf-8")
+        return found
+
+    def load_parameters(self, node: str, path: str) -> Any:
+        """What `ros2 param load` does: set all that a file has for a node; why not, of each that is refused."""
+        results = self._result(self._parameters(node).load_parameter_file(path)).results
+        return [result.reason for result in results if not result.successful]
+
+    def _parameters(self, node: str) -> Any:
+        client = AsyncParameterClient(self.node, node)
+        client.wait_for_services(PATIENCE_S)
+        return client
+
+    def _result(self, future: Any) -> Any:
+        self.executor.spin_until_future_complete(future, PATIENCE_S)
+        return future.result()
 
     def _ask(self, kind: Any, service: str, request: Any, within_s: float = PATIENCE_S) -> Any:
         client = self.node.create_client(kind, service)
