@@ -18,6 +18,13 @@ from segway_ecc.node.safety.modes import Action, Answer
 WATCH_TOPIC: Final = "watch"
 """Where a base station introduces itself."""
 WATCH_TYPE: Final = "std_msgs/msg/String"
+USE_SIM_TIME: Final = "use_sim_time"
+"""The parameter that every ROS node has: whether its time is that of `/clock`."""
+NO_SIM_TIME: Final = (
+    f"'{USE_SIM_TIME}' must be false: this robot runs by its machine's clock; simulate it by one of its own, which it "
+    "publishes on /clock, with segway-ecc lock-step ROBOT"
+)
+SIM_TIME: Final = f"'{USE_SIM_TIME}' must be true: this robot is simulated, and runs by the time that is on /clock"
 _NUMBER_BYTES: Final = 9
 """Of MessagePack, at most."""
 _REPORTS: Final = 64
@@ -38,6 +45,8 @@ class FromLoop(enum.IntEnum):
     ANSWER = 4
     WRITTEN = 5
     END = 6
+    CLOCK = 7
+    """Simulated time is published; the body is its stamp. What was reported before has been published by then."""
 
 
 @enum.unique
@@ -121,6 +130,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
         reports: File descriptor of the ring from the loop.
         inboxes: That of the ring to the loop.
         is_again: Whether it takes the place of one that has died: `parameters` count, not the command line.
+        is_simulated: Whether stamps are simulated time, which is published on `/clock`.
     """
 
     robot: str
@@ -137,6 +147,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     reports: int
     inboxes: int
     is_again: bool = False
+    is_simulated: bool = False
 
     @property
     def report_slots(self) -> int:

@@ -53,6 +53,18 @@ def make_topics(node: RosObject, settings: RosSettings) -> list[Topic]:
     ]
 
 
+def make_clock(node: RosObject) -> Callable[[int], None]:
+    """What publishes simulated time on `/clock`, where every node with `use_sim_time` takes it from."""
+    kind = message_type("rosgraph_msgs/msg/Clock")
+    publisher, message = node.create_publisher(kind, "/clock", _DEPTH), kind()
+
+    def publish(stamp_ns: int) -> None:
+        message.clock.sec, message.clock.nanosec = divmod(stamp_ns, NS_PER_S)
+        publisher.publish(message)
+
+    return publish
+
+
 def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) -> Topic:
     """Publishes at once where mode, posture, reason, drives, zero or stand changed, else ten times a second.
 

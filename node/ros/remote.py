@@ -27,6 +27,8 @@ from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.ros.protocol import (
+    NO_SIM_TIME,
+    USE_SIM_TIME,
     FromLoop,
     RosSettings,
     ToLoop,
@@ -199,7 +201,15 @@ class RemoteStage:
         dropped: Messages that did not get through, mostly because the process did not keep up.
     """
 
-    def __init__(self, bridge: RosBridge, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        bridge: RosBridge,
+        robot: Robot,
+        namespace: str = "",
+        ros_arguments: Sequence[str] = (),
+        *,
+        is_simulated: bool = False,
+    ) -> None:
         """Bring a robot into ROS.
 
         Args:
@@ -207,6 +217,7 @@ class RemoteStage:
             robot: The robot that is to be in ROS.
             namespace: Where it lives in the ROS graph.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
+            is_simulated: Whether the robot's clock is a simulated one, which the rest of ROS is to follow.
 
         Raises:
             ConfigurationError: A parameter on the command line is refused; the others reach the model here already.
@@ -238,6 +249,7 @@ class RemoteStage:
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in parameters),
             reports=bridge.reports,
             inboxes=bridge.inboxes,
+            is_simulated=is_simulated,
         )
         size_ring(settings.reports, settings.report_slots)
         size_ring(settings.inboxes, INBOX_SLOTS)
@@ -344,6 +356,8 @@ class RemoteStage:
         names = [variable.name for variable in self._model.parameters]
         values: list[tuple[str, float]] = []
         for name, value in given.items():
+            if name == USE_SIM_TIME:
+                raise ConfigurationError(f"parameter override: {NO_SIM_TIME}")
             if name not in names:
                 unknown = UnknownNameError(f"parameter of model '{self._model.name}'", name, names)
                 raise ConfigurationError(f"parameter override: {unknown}")

@@ -146,7 +146,12 @@ def preload() -> None:
 
 @contextlib.contextmanager
 def ros_node(
-    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False
+    name: str,
+    namespace: str,
+    ros_arguments: Sequence[str] = (),
+    *,
+    parameters: bool = False,
+    is_simulated: bool = False,
 ) -> Iterator[RosObject]:
     """A ROS node of its own context, without signal handlers of ROS' own.
 
@@ -156,6 +161,7 @@ def ros_node(
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
         parameters: Whether it offers the parameter services, which the caller has to serve, and has those parameters
             that are given on the command line.
+        is_simulated: Whether `use_sim_time` is true, whatever the command line has.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -176,8 +182,11 @@ def ros_node(
                 start_parameter_services=parameters,
                 enable_rosout=False,
                 automatically_declare_parameters_from_overrides=parameters,
-                # No executor would ever answer it.
-                parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],
+                # No executor would ever answer the service.
+                parameter_overrides=[
+                    rclpy.Parameter("start_type_description_service", value=False),
+                    *([rclpy.Parameter("use_sim_time", value=True)] if is_simulated else ()),
+                ],
             )
     except Exception as error:  # rclpy raises whatever its C++ core does
         raise RosUnavailableError(f"ROS 2 does not start: {error}") from error

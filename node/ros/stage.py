@@ -18,8 +18,15 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write, refusal_of
 from segway_ecc.node.model.writer import Values
 from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_type, newest_only, stamp_ns
-from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE, RosSettings
-from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_topics
+from segway_ecc.node.ros.protocol import (
+    NO_SIM_TIME,
+    SIM_TIME,
+    USE_SIM_TIME,
+    WATCH_TOPIC,
+    WATCH_TYPE,
+    RosSettings,
+)
+from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_clock, make_topics
 from segway_ecc.node.ros.runtime import mismatches, strangers
 from segway_ecc.node.ros.trajectories import TRAJECTORY_TOPIC, TRAJECTORY_TYPE, read_trajectory
 from segway_ecc.node.safety.modes import POSTURES, Action, Answer
@@ -71,10 +78,13 @@ class RosStage:
         # Of what stations and players decide by; others may publish joint_states or diagnostics beside us.
         self._own_topics = tuple(node.resolve_topic_name(name) for name in _DECIDED_BY)
         self._doubled: Counter[str] = Counter()
+        self._clock = make_clock(node) if settings.is_simulated else None
         own_services = [self._serve(each) for each in Action if settings.stand is not None or each not in POSTURES]
         self._parameters = ModelParameters(node, settings.parameters, write, own_services, is_again=settings.is_again)
         self.services = [*own_services, *self._parameters.services]
         self.overrides = self._parameters.overrides
+        if not settings.is_simulated and node.get_parameter(USE_SIM_TIME).value is True:
+            self.overrides[USE_SIM_TIME] = None  # refused by the loop, which then ends
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._looks = 0
@@ -110,6 +120,11 @@ class RosStage:
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish a diagnostic_msgs/DiagnosticArray."""
         self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
+
+    def publish_clock(self, stamp_ns: int) -> None:
+        """Publish simulated time, ns since the Unix epoch."""
+        if self._clock is not None:
+            self._guarded(self._clock, stamp_ns)
 
     def serve_parameters(self, ready: Collection[int]) -> None:
         """Answer the parameter requests that have arrived where the handle is at one of these pointers."""
@@ -249,7 +264,9 @@ class ModelParameters:
         """Declare them on `node`, each with the value that it has now, or on the command line unless `is_again`.
 
         `write` writes some, all or none, or raises `ModelError`; `own_services` are served by somebody else.
+        `use_sim_time` stays what it is.
         """
+        self._is_simulated = node.get_parameter(USE_SIM_TIME).value
         self._write = write
         self._asked: set[str] = set()
         self._names: dict[str, Variable] = {}
@@ -318,6 +335,8 @@ class ModelParameters:
         double = importlib.import_module("rclpy").Parameter.Type.DOUBLE
         # What ROS itself declares is let pass.
         ours = [(self._names[p.name], p) for p in parameters if p.name in self._names]
+        if any(p.name == USE_SIM_TIME and p.value is not self._is_simulated for p in parameters):
+            return self._result_type(successful=False, reason=SIM_TIME if self._is_simulated else NO_SIM_TIME)
         for variable, parameter in ours:
             if parameter.type_ is not double:
                 return self._result_type(successful=False, reason=f"{variable.name} takes a floating-point number")

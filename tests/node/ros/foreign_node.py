@@ -21,6 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import Trigger
@@ -35,6 +36,7 @@ OUT = {
     "diagnostics": DiagnosticArray,
     "mode": DiagnosticStatus,
     "setpoint": TwistStamped,
+    "clock": Clock,
 }
 ROS_OWN = (
     "/parameter_events",
@@ -63,6 +65,8 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
             return [message.x, message.y, message.z]
         case Float64():
             return message.data
+        case Clock():
+            return message.clock.sec * NS_PER_S + message.clock.nanosec
         case Odometry():
             pose, twist = message.pose.pose, message.twist.twist
             return {
