@@ -113,6 +113,8 @@ class RosSection(Section, frozen=True, kw_only=True):
         right_joint: The joint of the axis `right`.
         joints: The joints of other axes, by the axis' name; `<axis>_joint` where one is left out.
         odometry_depth: How many odometry messages wait for a reliable subscriber that is stopped or starved.
+        prefix_frames: Whether frames begin with the namespace, so that robots share `/tf`: `robot1/base_link`.
+        odometry_tf: Whether the odometry is a transform on `/tf` too; not where a filter publishes a better one.
     """
 
     node_name: str = "model"
@@ -123,6 +125,15 @@ class RosSection(Section, frozen=True, kw_only=True):
     right_joint: str = "right_wheel_joint"
     joints: dict[AxisName, str] = msgspec.field(default_factory=dict)
     odometry_depth: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 10
+    prefix_frames: bool = False
+    odometry_tf: bool = True
+
+    def in_namespace(self, namespace: str) -> "RosSection":
+        """The same with the names that its frames have in a namespace."""
+        if not self.prefix_frames or not namespace.strip("/"):
+            return self
+        frames = ("odometry_frame", "base_frame", "imu_frame")
+        return structs.replace(self, **{each: f"{namespace.strip('/')}/{getattr(self, each)}" for each in frames})
 
     def joint_names(self, joints: Sequence[str]) -> list[str]:
         """What ROS calls the joints whose angles are these signals."""

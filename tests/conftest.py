@@ -53,6 +53,10 @@ def missing_debuggers() -> str | None:
     return None if shutil.which("gdb") and shutil.which("strace") else "no gdb or no strace"
 
 
+def missing_urdf_checker() -> str | None:
+    return None if shutil.which("check_urdf") else "no check_urdf"
+
+
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "arm64": (
         missing_arm64,
@@ -76,6 +80,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     ),
     "namespaces": (other_host_lacks, "run as root; sudo apt-get install iproute2"),
     "mujoco": (missing_mujoco, "pip install mujoco"),
+    "urdf": (missing_urdf_checker, "sudo apt-get install liburdfdom-tools"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }
 

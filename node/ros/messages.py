@@ -15,6 +15,8 @@ from segway_ecc.node.cycle.status import DiagnosticStatus
 
 RosObject: TypeAlias = Any
 """A node, publisher, message or other object of ROS 2's Python packages, which carry no type information."""
+TF2: Final = "tf2_msgs"
+"""Part of every installation of ROS, and no wheel on PyPI: without it no transform is published."""
 NS_PER_S: Final = 1_000_000_000
 STAMP: Final = (("header.stamp.sec", "i"), ("header.stamp.nanosec", "I"))
 """The fields of a stamp: seconds, nanoseconds."""
@@ -39,6 +41,12 @@ def newest_only() -> RosObject:
     """Quality of service for what only the newest of matters: a lost message is not sent again."""
     qos = importlib.import_module("rclpy.qos")
     return qos.QoSProfile(depth=1, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+
+
+def kept_for_latecomers() -> RosObject:
+    """Quality of service for what is published once: whoever subscribes later receives it too."""
+    qos = importlib.import_module("rclpy.qos")
+    return qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def set_stamp(header: RosObject, stamp_ns: int) -> None:
@@ -76,8 +84,8 @@ class Template:
 
         Args:
             message: It holds every value that stays as it is; sequences have the length that they keep.
-            fields: What changes, in the order of the message: a path such as `pose.position.x` or `position.0`, and the
-                format of the number as in `struct`.
+            fields: What changes, in the order of the message: a path such as `pose.position.x`, `position.0` or
+                `transforms.0.header.stamp.sec`, and the format of the number as in `struct`.
 
         Raises:
             ValueError: A field is not where it was expected.
@@ -115,7 +123,7 @@ def _offset(message: RosObject, path: str, number: str, serialize: Callable[[Ros
         ValueError: There is no such place, or more than one.
     """
     *way, name = path.split(".")
-    parent = functools.reduce(getattr, way, message)
+    parent = functools.reduce(lambda at, part: at[int(part)] if part.isdecimal() else getattr(at, part), way, message)
     is_item = name.isdecimal()
 
     def write(value: RosObject) -> None:

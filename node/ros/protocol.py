@@ -125,6 +125,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
         topics: Topics that variables are published on, in the order of the wiring.
         set_names: Names of the values that anybody may set, in the order of the wiring.
         stand: Of these the one that stands the robot up or sits it down; None where it has no posture.
+        description: Of the robot, as URDF; empty where its geometry does not suffice.
         residual: What is published of the residual monitor, with its unit; empty where the robot has none.
         parameters: The model's parameters as the robot declares them, each with the value that it has now.
         reports: File descriptor of the ring from the loop.
@@ -142,6 +143,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     topics: tuple[str, ...]
     set_names: tuple[str, ...]
     stand: str | None
+    description: str = ""
     residual: tuple[str, ...] = ()
     parameters: tuple[Variable, ...]
     reports: int

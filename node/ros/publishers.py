@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The topics that publish each cycle, and `mode`: what the robot may do and why, with the echo of a heartbeat."""
 
+import importlib.util
+import logging
 import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
@@ -11,11 +13,13 @@ from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX, state_text
 from segway_ecc.node.cycle.signals import IMU_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL, effort_signals, joint_signals
 from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.cycle.trajectory import TrajectoryState, TrajectoryStatus
-from segway_ecc.node.ros.messages import NS_PER_S, STAMP, RosObject, Template, message_type, set_stamp
+from segway_ecc.node.ros.messages import NS_PER_S, STAMP, TF2, RosObject, Template, message_type, set_stamp
 from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.trajectories import STATUS_DEPTH, STATUS_TOPIC, STATUS_TYPE
 
 _DEPTH: Final = 10
+_TF_DEPTH: Final = 100
+"""As tf2 has it."""
 AHEAD_DEPTH: Final = 500
 """Set-points stamped ahead come in bunches, and each of them counts."""
 _SCALARS: Final = {
@@ -25,6 +29,7 @@ _SCALARS: Final = {
 _BATTERY_PERIOD_NS: Final = 500_000_000
 _MODE_PERIOD_NS: Final = 100_000_000
 _TRAJECTORY_LEVELS: Final = {TrajectoryState.ABORTED: Level.WARN, TrajectoryState.REFUSED: Level.ERROR}
+_logger = logging.getLogger(__name__)
 _NOT_MEASURED: Final = -1.0
 """Where a covariance begins with it, the message does not carry what it belongs to (sensor_msgs/Imu)."""
 
@@ -130,6 +135,11 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     )
     if odometry is not None:
         publishers += _odometry(node, ros, odometry)
+        if ros.odometry_tf and importlib.util.find_spec(TF2) is not None:
+            try:
+                publishers.append(_transform(node, ros, odometry))
+            except Exception as error:  # noqa: BLE001 - an installation of which it does not work is no reason to end
+                _logger.warning("no transform is published on /tf: %s fails: %s", TF2, error)
     if joints is not None:
         names = ros.joint_names(joint_signals(signals))
         publishers.append(_joints(node, names, joints, [index[signal] for signal in effort_signals(signals)]))
@@ -190,6 +200,27 @@ def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> list[
         publisher.publish(template.filled(*stamp, x, y, math.sin(half), math.cos(half), linear, angular))
 
     return [Topic(point_publisher, publish_position), Topic(publisher, publish)]
+
+
+def _transform(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic:
+    """Publishes where the base is in the frame of the odometry, on `/tf` whatever the namespace."""
+    kind, stamped = message_type(f"{TF2}/msg/TFMessage"), message_type("geometry_msgs/msg/TransformStamped")()
+    stamped.header.frame_id, stamped.child_frame_id = ros.odometry_frame, ros.base_frame
+    stamp = [(f"transforms.0.{path}", number) for path, number in STAMP]
+    numbers = [
+        f"transforms.0.transform.{what}" for what in ("translation.x", "translation.y", "rotation.z", "rotation.w")
+    ]
+    template = Template(kind(transforms=[stamped]), *stamp, *((path, "d") for path in numbers))
+    publisher = node.create_publisher(kind, "/tf", _TF_DEPTH)
+    x_index, y_index, heading_index, *_ = indices
+
+    def publish(report: Report) -> None:
+        values = report.values
+        half = 0.5 * values[heading_index]
+        stamp = divmod(report.stamp_ns, NS_PER_S)
+        publisher.publish(template.filled(*stamp, values[x_index], values[y_index], math.sin(half), math.cos(half)))
+
+    return Topic(publisher, publish)
 
 
 def _joints(node: RosObject, names: Sequence[str], joints: Sequence[int], efforts: Sequence[int]) -> Topic:

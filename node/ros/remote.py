@@ -26,6 +26,7 @@ from segway_ecc.node.model.model import Model
 from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring
 from segway_ecc.node.robot import Robot
+from segway_ecc.node.ros.description import urdf
 from segway_ecc.node.ros.protocol import (
     NO_SIM_TIME,
     USE_SIM_TIME,
@@ -245,6 +246,7 @@ class RemoteStage:
             topics=tuple(wiring.topics),
             set_names=wiring.set_names,
             stand=safety.posture.stand if (safety := robot.file.safety) and safety.posture else None,
+            description=urdf(robot.file, wiring.published),
             residual=SHOWN if safety and safety.residual else (),
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in parameters),
             reports=bridge.reports,

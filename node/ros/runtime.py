@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import RosUnavailableError
-from segway_ecc.node.ros.messages import RosObject
+from segway_ecc.node.ros.messages import TF2, RosObject
 
 _MODULES: Final = (
     "rclpy.node",
@@ -137,8 +137,9 @@ def preload() -> None:
         RosUnavailableError: ROS is not there or cannot be imported.
     """
     require_ros()
+    optional = [f"{TF2}.msg"] if importlib.util.find_spec(TF2) is not None else []
     try:
-        for name in _MODULES:
+        for name in (*_MODULES, *optional):
             importlib.import_module(name)
     except ImportError as error:
         raise RosUnavailableError(f"ROS 2 does not start: {error}") from error

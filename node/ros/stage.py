@@ -11,13 +11,22 @@ from collections.abc import Callable, Collection, Sequence, Sized
 from functools import partial
 from typing import Final
 
+from msgspec import structs
+
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write, refusal_of
 from segway_ecc.node.model.writer import Values
-from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_type, newest_only, stamp_ns
+from segway_ecc.node.ros.messages import (
+    RosObject,
+    diagnostic_array,
+    kept_for_latecomers,
+    message_type,
+    newest_only,
+    stamp_ns,
+)
 from segway_ecc.node.ros.protocol import (
     NO_SIM_TIME,
     SIM_TIME,
@@ -68,7 +77,11 @@ class RosStage:
 
     def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[Values], None]) -> None:
         """Offer a robot's topics, services and parameters; `write` writes some of the model or raises `ModelError`."""
+        settings = structs.replace(settings, ros=settings.ros.in_namespace(node.get_namespace()))
         self._node = node
+        self._looks = 0
+        self.strangers: list[str] = []
+        self._warnings: set[str] = set()
         self._topics = make_topics(node, settings)
         self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
@@ -78,6 +91,7 @@ class RosStage:
         # Of what stations and players decide by; others may publish joint_states or diagnostics beside us.
         self._own_topics = tuple(node.resolve_topic_name(name) for name in _DECIDED_BY)
         self._doubled: Counter[str] = Counter()
+        self._describe(settings.description)
         self._clock = make_clock(node) if settings.is_simulated else None
         own_services = [self._serve(each) for each in Action if settings.stand is not None or each not in POSTURES]
         self._parameters = ModelParameters(node, settings.parameters, write, own_services, is_again=settings.is_again)
@@ -87,9 +101,6 @@ class RosStage:
             self.overrides[USE_SIM_TIME] = None  # refused by the loop, which then ends
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
-        self._looks = 0
-        self.strangers: list[str] = []
-        self._warnings: set[str] = set()
 
     def take_messages(self, ready: Collection[int]) -> Inbox:
         """What has arrived, but for parameter requests, where the handle is at one of these pointers."""
@@ -139,6 +150,13 @@ class RosStage:
             *(partial(self._look_for_strangers, each) for each in self._own_topics),
         )
         self._guarded(looks[self._looks % len(looks)])
+
+    def _describe(self, urdf: str) -> None:
+        """Publish the robot's description, for whoever subscribes at any time."""
+        if urdf:
+            kind = message_type("std_msgs/msg/String")
+            self._description = self._node.create_publisher(kind, "robot_description", kept_for_latecomers())
+            self._guarded(self._description.publish, kind(data=urdf))
 
     def _look_for_mismatches(self, subscription: RosObject) -> None:
         for text in mismatches(self._node, subscription):

@@ -20,11 +20,16 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import Trigger
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # on PyPI there is none
+    TFMessage = type(None)
 
 OUT = {
     "position": Point,
@@ -37,6 +42,7 @@ OUT = {
     "mode": DiagnosticStatus,
     "setpoint": TwistStamped,
     "clock": Clock,
+    "tf": TFMessage,
 }
 ROS_OWN = (
     "/parameter_events",
@@ -58,7 +64,7 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
+def plain(message: Any) -> Any:  # noqa: C901, PLR0911 - one for each type
     """A message in plain values."""
     match message:
         case Point():
@@ -67,6 +73,18 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
             return message.data
         case Clock():
             return message.clock.sec * NS_PER_S + message.clock.nanosec
+        case TFMessage():
+            return [
+                {
+                    "stamp_ns": stamp_ns(each.header),
+                    "frames": [each.header.frame_id, each.child_frame_id],
+                    "x": each.transform.translation.x,
+                    "y": each.transform.translation.y,
+                    "z": each.transform.rotation.z,
+                    "w": each.transform.rotation.w,
+                }
+                for each in message.transforms
+            ]
         case Odometry():
             pose, twist = message.pose.pose, message.twist.twist
             return {
@@ -85,6 +103,7 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
                 "name": list(message.name),
                 "position": list(message.position),
                 "velocity": list(message.velocity),
+                "effort": list(message.effort),
             }
         case Imu():
             rate, force = message.angular_velocity, message.linear_acceleration
@@ -149,6 +168,10 @@ class ForeignNode:
             for part, rows in found.items()
         }
 
+    def topics_of(self, node: str, namespace: str) -> Any:
+        """The topics that a node publishes."""
+        return [topic for topic, _ in self.node.get_publisher_names_and_types_by_node(node, namespace)]
+
     def wait_for(self, node: str, namespace: str) -> Any:
         """Wait until a node is seen."""
         return self._wait_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
@@ -165,6 +188,17 @@ class ForeignNode:
                 kind, topic, lambda message: self.received[topic].append(plain(message)), 1000
             )
         return True
+
+    def latched(self, topic: str) -> Any:
+        """The text that was published on a topic before we subscribed to it."""
+        found: list[Any] = []
+        profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        subscription = self.node.create_subscription(String, topic, found.append, profile)
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not found and time.monotonic() < deadline_s:
+            self.executor.spin_once(timeout_sec=LOOKS_EVERY_S)
+        self.node.destroy_subscription(subscription)
+        return [each.data for each in found]
 
     def receive(self, topic: str) -> Any:
         """All that came on a topic since it was last asked for, waiting for one where there is none."""

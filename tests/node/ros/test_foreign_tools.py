@@ -30,6 +30,7 @@ OUT = {
     "angular_velocity": ["std_msgs/msg/Float64", *RELIABLE],
     "odom": ["nav_msgs/msg/Odometry", *RELIABLE],
     "joint_states": ["sensor_msgs/msg/JointState", *RELIABLE],
+    "robot_description": ["std_msgs/msg/String", "RELIABLE", "TRANSIENT_LOCAL"],
     "diagnostics": ["diagnostic_msgs/msg/DiagnosticArray", *RELIABLE],
     "setpoint": ["geometry_msgs/msg/TwistStamped", *RELIABLE],
     "mode": ["diagnostic_msgs/msg/DiagnosticStatus", *RELIABLE],
