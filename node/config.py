@@ -113,6 +113,8 @@ class RosSection(Section, frozen=True, kw_only=True):
         right_joint: The joint of the axis `right`.
         joints: The joints of other axes, by the axis' name; `<axis>_joint` where one is left out.
         odometry_depth: How many odometry messages wait for a reliable subscriber that is stopped or starved.
+        pitch: The `topic.<name>` of the wiring on which the model publishes how far the frame of the IMU is turned
+            about y, rad: with it and the heading the IMU has an orientation.
         prefix_frames: Whether frames begin with the namespace, so that robots share `/tf`: `robot1/base_link`.
         odometry_tf: Whether the odometry is a transform on `/tf` too; not where a filter publishes a better one.
     """
@@ -125,6 +127,7 @@ class RosSection(Section, frozen=True, kw_only=True):
     right_joint: str = "right_wheel_joint"
     joints: dict[AxisName, str] = msgspec.field(default_factory=dict)
     odometry_depth: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 10
+    pitch: str | None = None
     prefix_frames: bool = False
     odometry_tf: bool = True
 

@@ -125,6 +125,8 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
         topics: Topics that variables are published on, in the order of the wiring.
         set_names: Names of the values that anybody may set, in the order of the wiring.
         stand: Of these the one that stands the robot up or sits it down; None where it has no posture.
+        wheel_radius: m; None where the robot's file has none.
+        pitch: The place among `topics` of the pitch of the IMU; None where it has none.
         description: Of the robot, as URDF; empty where its geometry does not suffice.
         residual: What is published of the residual monitor, with its unit; empty where the robot has none.
         parameters: The model's parameters as the robot declares them, each with the value that it has now.
@@ -143,6 +145,8 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     topics: tuple[str, ...]
     set_names: tuple[str, ...]
     stand: str | None
+    wheel_radius: float | None = None
+    pitch: int | None = None
     description: str = ""
     residual: tuple[str, ...] = ()
     parameters: tuple[Variable, ...]

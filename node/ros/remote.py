@@ -246,6 +246,8 @@ class RemoteStage:
             topics=tuple(wiring.topics),
             set_names=wiring.set_names,
             stand=safety.posture.stand if (safety := robot.file.safety) and safety.posture else None,
+            wheel_radius=robot.file.geometry.wheel_radius,
+            pitch=None if (pitch := robot.file.ros.pitch) is None else list(wiring.topics).index(pitch),
             description=urdf(robot.file, wiring.published),
             residual=SHOWN if safety and safety.residual else (),
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in parameters),

@@ -96,6 +96,7 @@ def plain(message: Any) -> Any:  # noqa: C901, PLR0911 - one for each type
                 "w": pose.orientation.w,
                 "linear": twist.linear.x,
                 "angular": twist.angular.z,
+                "variances": [message.pose.covariance[place] for place in (0, 7, 35)],
             }
         case JointState():
             return {
@@ -112,6 +113,7 @@ def plain(message: Any) -> Any:  # noqa: C901, PLR0911 - one for each type
                 "frame": message.header.frame_id,
                 "angular_velocity": [rate.x, rate.y, rate.z],
                 "linear_acceleration": [force.x, force.y, force.z],
+                "orientation": [getattr(message.orientation, part) for part in "xyzw"],
                 "orientation_covariance": list(message.orientation_covariance),
                 "other_covariances": [*message.angular_velocity_covariance, *message.linear_acceleration_covariance],
             }
