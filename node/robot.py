@@ -62,6 +62,7 @@ class Robot:
             tolerance_cycles=round(section.stamp_tolerance_s / step),
             horizon_cycles=horizon,
             largest=largest,
+            clamps=section.beyond_limits == "clamp",
         )
         return Cycle(
             model=self.model,

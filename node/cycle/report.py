@@ -133,17 +133,22 @@ class DiagnosticReport:
         schedule = self._cycle.schedule
         writer = self._cycle.writer
         refused = self._new("setpoints", sum(schedule.refused.values()))
-        writes = self._new("writes", writer.refused)
+        clamped, writes = self._new("clamped", schedule.clamped), self._new("writes", writer.refused)
         values = {
             "applied": str(schedule.applied),
             "late": str(schedule.late),
+            **({"clamped": str(schedule.clamped)} if schedule.clamped else {}),
             **{f"refused.{cause}": str(count) for cause, count in schedule.refused.items()},
             "parameters.written": str(writer.written),
             "parameters.refused": str(writer.refused),
         }
         trouble = "; ".join(
             f"{count} {what} since the last report"
-            for count, what in ((refused, "refused"), (writes, "writes of parameters refused"))
+            for count, what in (
+                (refused, "refused"),
+                (clamped, "clamped to the limits"),
+                (writes, "writes of parameters refused"),
+            )
             if count
         )
         return self._status("set-points", trouble, "taken as they come", values)

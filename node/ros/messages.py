@@ -17,6 +17,8 @@ RosObject: TypeAlias = Any
 """A node, publisher, message or other object of ROS 2's Python packages, which carry no type information."""
 TF2: Final = "tf2_msgs"
 """Part of every installation of ROS, and no wheel on PyPI: without it no transform is published."""
+TWIST_TYPE: Final = "geometry_msgs/msg/Twist"
+TWIST_STAMPED_TYPE: Final = "geometry_msgs/msg/TwistStamped"
 NS_PER_S: Final = 1_000_000_000
 STAMP: Final = (("header.stamp.sec", "i"), ("header.stamp.nanosec", "I"))
 """The fields of a stamp: seconds, nanoseconds."""

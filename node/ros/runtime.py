@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import RosUnavailableError
-from segway_ecc.node.ros.messages import TF2, RosObject
+from segway_ecc.node.ros.messages import TF2, TWIST_STAMPED_TYPE, TWIST_TYPE, RosObject
 
 _MODULES: Final = (
     "rclpy.node",
@@ -258,9 +258,13 @@ def mismatches(node: RosObject, subscription: RosObject) -> Iterator[str]:
     ours = f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
     for peer in node.get_publishers_info_by_topic(topic):
         if peer.topic_type != ours:
+            is_other_twist = topic.endswith("/cmd_vel") and peer.topic_type in (TWIST_TYPE, TWIST_STAMPED_TYPE)
+            setting = (
+                f"set ros.cmd_vel: {peer.topic_type.rpartition('/')[2]} in the robot file, " if is_other_twist else ""
+            )
             yield (
                 f"{_full_name(peer)} publishes {peer.topic_type} on {topic}, which takes {ours}: they never meet. "
-                f"Publish {ours}, or remap it away"
+                f"Publish {ours}, {setting}or remap it away"
             )
         elif peer.qos_profile.reliability.name == "BEST_EFFORT":
             yield (

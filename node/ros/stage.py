@@ -20,6 +20,8 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write, refusal_of
 from segway_ecc.node.model.writer import Values
 from segway_ecc.node.ros.messages import (
+    TWIST_STAMPED_TYPE,
+    TWIST_TYPE,
     RosObject,
     diagnostic_array,
     kept_for_latecomers,
@@ -193,7 +195,8 @@ class RosStage:
 
         def take_twist_stamped(inbox: Inbox, message: RosObject) -> None:
             setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
-            inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header)))
+            # A stamp of zero is none, as tools leave it: now.
+            inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header) or None))
 
         def take_value(place: int, inbox: Inbox, message: RosObject) -> None:
             inbox.values.append(SetValue(place, message.data))
@@ -209,8 +212,11 @@ class RosStage:
         def take_trajectory(inbox: Inbox, data: bytes) -> None:
             inbox.trajectories.append(read_trajectory(data, settings.ros.base_frame))
 
-        self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
-        self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
+        if settings.ros.cmd_vel == "Twist":
+            self._subscribe("cmd_vel", TWIST_TYPE, _COMMAND_DEPTH, take_twist)
+        else:
+            self._subscribe("cmd_vel", TWIST_STAMPED_TYPE, _COMMAND_DEPTH, take_twist_stamped)
+        self._subscribe("cmd_vel_stamped", TWIST_STAMPED_TYPE, AHEAD_DEPTH, take_twist_stamped)
         # One is taken at once, so that many of them delay nothing.
         self._subscribe(TRAJECTORY_TOPIC, TRAJECTORY_TYPE, _COMMAND_DEPTH, take_trajectory, at_once=1)
         for place, name in enumerate(settings.set_names):
