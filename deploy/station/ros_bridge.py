@@ -111,7 +111,9 @@ class RosRobotConnection:
             ("std_msgs/msg/Float64", "pitch"): lambda message: Pitch(message.data),
             ("sensor_msgs/msg/BatteryState", "battery_state"): lambda message: Supply(message.voltage),
             ("diagnostic_msgs/msg/DiagnosticArray", "diagnostics"): lambda message: decode_health(
-                (status.name, _values(status)) for status in message.status
+                (status.name, _values(status))
+                for status in message.status
+                if "/" not in status.name  # else of a robot in another namespace, on /diagnostics
             ),
         }
         self._others = [

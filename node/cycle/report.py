@@ -20,6 +20,7 @@ MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
 
 MODE_SUFFIX: Final = ": mode"
+SETPOINTS_SUFFIX: Final = ": set-points"
 """End of the name of the status of the mode; its values: `mode`, `reason`, `posture` where the robot has one, and a
 `check.<name>` per pre-arm check."""
 _DONE: Final = object()

@@ -61,15 +61,18 @@ def stamp_ns(header: RosObject) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-def diagnostic_array(statuses: Sequence[DiagnosticStatus], stamp_ns: int) -> RosObject:
-    """A diagnostic_msgs/DiagnosticArray."""
+def diagnostic_array(
+    statuses: Sequence[DiagnosticStatus], stamp_ns: int, hardware_id: str, prefix: str = ""
+) -> RosObject:
+    """A diagnostic_msgs/DiagnosticArray of a robot; `prefix` begins the name of each status."""
     array = message_type("diagnostic_msgs/msg/DiagnosticArray")()
     set_stamp(array.header, stamp_ns)
     key_value, kind = message_type("diagnostic_msgs/msg/KeyValue"), message_type("diagnostic_msgs/msg/DiagnosticStatus")
     for status in statuses:
         values = [key_value(key=key, value=value) for key, value in status.values.items()]
         level = bytes((status.level,))
-        array.status.append(kind(level=level, name=status.name, message=status.message, values=values))
+        name, message = f"{prefix}{status.name}", status.message
+        array.status.append(kind(level=level, name=name, message=message, hardware_id=hardware_id, values=values))
     return array
 
 

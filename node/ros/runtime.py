@@ -273,6 +273,23 @@ def mismatches(node: RosObject, subscription: RosObject) -> Iterator[str]:
             )
 
 
+def unreached(node: RosObject, topic: str) -> Iterator[str]:
+    """Why subscribers never receive what `node` publishes, reliable and volatile, on a topic; each with the fix."""
+    own = node.get_fully_qualified_name()
+    ours = [peer.topic_type for peer in node.get_publishers_info_by_topic(topic) if _full_name(peer) == own]
+    for peer in node.get_subscriptions_info_by_topic(topic):
+        if ours and peer.topic_type not in ours:
+            yield (
+                f"{_full_name(peer)} subscribes to {topic} as {peer.topic_type}, which is {ours[0]}: it receives "
+                f"nothing. Subscribe as {ours[0]}"
+            )
+        elif peer.qos_profile.durability.name == "TRANSIENT_LOCAL":
+            yield (
+                f"{_full_name(peer)} subscribes to {topic} as transient local, and we publish volatile: it receives "
+                "nothing. Set its durability to volatile"
+            )
+
+
 def strangers(node: RosObject, topic: str) -> tuple[list[str], int]:
     """Who else publishes a topic that `node` publishes: nodes of other names, and how many of its own beside it."""
     names = [_full_name(peer) for peer in node.get_publishers_info_by_topic(topic) if peer.node_name != UNKNOWN_NODE]

@@ -14,8 +14,9 @@ from typing import Final
 from msgspec import structs
 
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.report import SETPOINTS_SUFFIX
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write, refusal_of
 from segway_ecc.node.model.writer import Values
@@ -38,7 +39,8 @@ from segway_ecc.node.ros.protocol import (
     RosSettings,
 )
 from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_clock, make_topics
-from segway_ecc.node.ros.runtime import mismatches, strangers
+from segway_ecc.node.ros.ros_log import RosLog
+from segway_ecc.node.ros.runtime import mismatches, strangers, unreached
 from segway_ecc.node.ros.trajectories import TRAJECTORY_TOPIC, TRAJECTORY_TYPE, read_trajectory
 from segway_ecc.node.safety.modes import POSTURES, Action, Answer
 
@@ -84,7 +86,9 @@ class RosStage:
         self._looks = 0
         self.strangers: list[str] = []
         self._warnings: set[str] = set()
-        self._topics = make_topics(node, settings)
+        self._robot_name = settings.robot
+        self._log = RosLog(node)
+        self._topics = [*make_topics(node, settings), Topic(self._log.publisher, self._log.log_mode)]
         self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
         self.subscriptions: list[RosObject] = []
@@ -103,6 +107,9 @@ class RosStage:
             self.overrides[USE_SIM_TIME] = None  # refused by the loop, which then ends
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
+        # The tools of ROS look there alone, whatever the namespace (REP-107).
+        self._prefix = f"{node.get_namespace()}/".lstrip("/")
+        self._all_diagnostics = node.create_publisher(kind, "/diagnostics", _COMMAND_DEPTH) if self._prefix else None
 
     def take_messages(self, ready: Collection[int]) -> Inbox:
         """What has arrived, but for parameter requests, where the handle is at one of these pointers."""
@@ -131,8 +138,19 @@ class RosStage:
             self._guarded(topic.publish, report)
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Publish a diagnostic_msgs/DiagnosticArray."""
-        self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
+        """Publish a diagnostic_msgs/DiagnosticArray, and in a namespace also on `/diagnostics`, with its name."""
+        name, prefix = self._robot_name, self._prefix
+        self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns, name))
+        if self._all_diagnostics is not None:
+            array = diagnostic_array(statuses, stamp_ns, f"{prefix}{name}", prefix)
+            self._guarded(self._all_diagnostics.publish, array)
+        for status in statuses:
+            if status.name.endswith(SETPOINTS_SUFFIX) and status.level is not Level.OK:
+                causes = [
+                    f"{key} {value}" for key, value in status.values.items() if key.startswith(("refused.", "cl"))
+                ]
+                text = f"set-points: {status.message} (in all {', '.join(causes)})"
+                self._guarded(self._log.write, status.level, text, stamp_ns)
 
     def publish_clock(self, stamp_ns: int) -> None:
         """Publish simulated time, ns since the Unix epoch."""
@@ -166,6 +184,8 @@ class RosStage:
 
     def _look_for_strangers(self, topic: str) -> None:
         """Report each other publisher of a topic of ours once."""
+        for text in unreached(self._node, topic):
+            self._warn_once(text)
         others, doubles = strangers(self._node, topic)
         # One of our own name may be the process that we have replaced, which others see for 20 s.
         self._doubled[topic] = self._doubled[topic] + 1 if doubles else 0
@@ -188,6 +208,8 @@ class RosStage:
         if text not in self._warnings and len(self._warnings) < _WARNINGS_AT_MOST:
             self._warnings.add(text)
             _logger.warning(text)
+            with contextlib.suppress(Exception):  # where even that fails, the line above has been logged
+                self._log.write(Level.WARN, text)
 
     def _subscribe_inputs(self, settings: RosSettings) -> None:
         def take_twist(inbox: Inbox, message: RosObject) -> None:
@@ -260,6 +282,8 @@ class RosStage:
             def send(answer: Answer) -> None:
                 response = kind.Response(success=answer.accepted, message=answer.message)
                 self._guarded(service.handle.service_send_response, response, header.request_id)
+                if not answer.accepted:
+                    self._guarded(self._log.write, Level.WARN, f"{action} is refused: {answer.message}")
 
             inbox.requests.append(Request(action, send))
 

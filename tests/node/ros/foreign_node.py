@@ -16,6 +16,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -43,8 +44,10 @@ OUT = {
     "setpoint": TwistStamped,
     "clock": Clock,
     "tf": TFMessage,
+    "rosout": Log,
 }
 ROS_OWN = (
+    "/rosout",
     "/parameter_events",
     "/get_type_description",
     "/describe_parameters",
@@ -85,6 +88,8 @@ def plain(message: Any) -> Any:  # noqa: C901, PLR0911 - one for each type
                 }
                 for each in message.transforms
             ]
+        case Log():
+            return {"level": message.level, "name": message.name, "text": message.msg}
         case Odometry():
             pose, twist = message.pose.pose, message.twist.twist
             return {
@@ -128,7 +133,11 @@ def plain(message: Any) -> Any:  # noqa: C901, PLR0911 - one for each type
             return {**head, **{pair.key: pair.value for pair in message.values}}
         case DiagnosticArray():
             return {
-                status.name: {"level": ord(status.level), **{pair.key: pair.value for pair in status.values}}
+                status.name: {
+                    "level": ord(status.level),
+                    "hardware_id": status.hardware_id,
+                    **{pair.key: pair.value for pair in status.values},
+                }
                 for status in message.status
             }
 
@@ -235,6 +244,15 @@ class ForeignNode:
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         profile = QoSProfile(depth=10, reliability=reliability)
         self.publishers[topic, f"{kind} {best_effort}"] = self.node.create_publisher(KINDS[kind], topic, profile)
+        return True
+
+    def subscribe_transient_local(self, topic: str) -> Any:
+        """Subscribe to a topic with a durability that only few publishers offer."""
+        profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        kind = OUT[topic.rpartition("/")[2]]
+        self.subscriptions[f"{topic} transient local"] = self.node.create_subscription(
+            kind, topic, lambda _: None, profile
+        )
         return True
 
     def publish_number(self, topic: str, value: float) -> Any:
