@@ -31,7 +31,7 @@ from segway_ecc.node.model.writer import Values
 from segway_ecc.node.ring import RingReader, RingWriter
 from segway_ecc.node.ros import protocol
 from segway_ecc.node.ros.messages import RosObject
-from segway_ecc.node.ros.runtime import preload, ros_node
+from segway_ecc.node.ros.runtime import ENFORCE, STRATEGY, preload, ros_node, why_not_secure
 from segway_ecc.node.ros.stage import RosStage
 from segway_ecc.node.safety.modes import Answer
 
@@ -293,6 +293,8 @@ def run_ros(settings: protocol.RosSettings, source: int) -> None:
     with contextlib.ExitStack() as stack:
         with helping_threads():  # those of DDS and the one that listens; the one that publishes is this one
             is_simulated = settings.is_simulated
+            if (open_end := why_not_secure(os.environ)) is not None:
+                _logger.warning("%s; set %s=%s", open_end, STRATEGY, ENFORCE)
             node = stack.enter_context(ros_node(*arguments, parameters=True, is_simulated=is_simulated))
             stage = RosStage(node, settings, subscriptions.write)
             wait_set = WaitSet(node, stage)
@@ -320,6 +322,9 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGABRT):
         signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # What ROS and DDS print by themselves is no answer of this process.
+    sys.stdout = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), 1)
     try:
         preload()
         line = sys.stdin.buffer.readline()  # empty where the loop's process has ended before it had a robot

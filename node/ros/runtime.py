@@ -52,6 +52,9 @@ _LAST_DOMAIN: Final = 232
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS: Final = "ROS_STATIC_PEERS"
 LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
+SECURITY: Final = "ROS_SECURITY_ENABLE"
+STRATEGY: Final = "ROS_SECURITY_STRATEGY"
+ENFORCE: Final = "Enforce"
 
 _WAKE_S: Final = 0.1
 _OWN_FILE: Final = Path("DEFAULT_FASTRTPS_PROFILES.xml")
@@ -103,6 +106,13 @@ def require_ros() -> None:
         raise RosUnavailableError(f"{DOMAIN} is '{domain}': it must be a whole number from 0 to {_LAST_DOMAIN}")
     if rmw and not _is_installed(rmw):  # rclpy would end this process with status 102
         raise RosUnavailableError(f"{RMW} is '{rmw}', which is not installed here: install it, or unset {RMW}")
+
+
+def why_not_secure(environment: Mapping[str, str]) -> str | None:
+    """What is left open where the security of ROS is on, and need not be; None where nothing is."""
+    if environment.get(SECURITY) != "true" or environment.get(STRATEGY) == ENFORCE:
+        return None
+    return f"{SECURITY} is true and {STRATEGY} is not {ENFORCE}: where keys are missing ROS goes on without security"
 
 
 def _is_installed(rmw: str) -> bool:
@@ -190,7 +200,9 @@ def ros_node(
                 ],
             )
     except Exception as error:  # rclpy raises whatever its C++ core does
-        raise RosUnavailableError(f"ROS 2 does not start: {error}") from error
+        keys = f"; {SECURITY} is true: see ROS_SECURITY_KEYSTORE and ROS_SECURITY_ENCLAVE_OVERRIDE"
+        hint = keys if os.environ.get(SECURITY) == "true" else ""
+        raise RosUnavailableError(f"ROS 2 does not start: {error}{hint}") from error
     try:
         yield node
     finally:
@@ -295,6 +307,12 @@ def strangers(node: RosObject, topic: str) -> tuple[list[str], int]:
     names = [_full_name(peer) for peer in node.get_publishers_info_by_topic(topic) if peer.node_name != UNKNOWN_NODE]
     own = node.get_fully_qualified_name()
     return sorted({name for name in names if name != own}), max(names.count(own) - 1, 0)
+
+
+def namesakes(node: RosObject) -> int:
+    """How many others are in ROS under the name and namespace of `node`."""
+    own = node.get_name(), node.get_namespace()
+    return max(list(node.get_node_names_and_namespaces()).count(own) - 1, 0)
 
 
 def _full_name(info: RosObject) -> str:

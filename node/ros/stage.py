@@ -40,7 +40,7 @@ from segway_ecc.node.ros.protocol import (
 )
 from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_clock, make_topics
 from segway_ecc.node.ros.ros_log import RosLog
-from segway_ecc.node.ros.runtime import mismatches, strangers, unreached
+from segway_ecc.node.ros.runtime import mismatches, namesakes, strangers, unreached
 from segway_ecc.node.ros.trajectories import TRAJECTORY_TOPIC, TRAJECTORY_TYPE, read_trajectory
 from segway_ecc.node.safety.modes import POSTURES, Action, Answer
 
@@ -51,6 +51,7 @@ LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _WARNINGS_AT_MOST: Final = 100
 _DECIDED_BY: Final = ("mode", "odom", "setpoint", "trajectory_status")
+_NAMESAKE_LOOKS: Final = 2
 _LEFT_OVER_LOOKS: Final = 10
 """One comes each 3 s for each topic."""
 _MOST_STRANGERS: Final = 20
@@ -83,7 +84,8 @@ class RosStage:
         """Offer a robot's topics, services and parameters; `write` writes some of the model or raises `ModelError`."""
         settings = structs.replace(settings, ros=settings.ros.in_namespace(node.get_namespace()))
         self._node = node
-        self._looks = 0
+        self._looks = self._doubles = 0
+        self._is_again, self._has_namesake = settings.is_again, False
         self.strangers: list[str] = []
         self._warnings: set[str] = set()
         self._robot_name = settings.robot
@@ -165,6 +167,7 @@ class RosStage:
     def do_background_work(self) -> None:
         """Look for publishers that never reach us, or that publish what is ours; another topic each time."""
         self._looks += 1
+        self._guarded(self._look_for_namesakes)
         looks = (
             *(partial(self._look_for_mismatches, each) for each in self._watched),
             *(partial(self._look_for_strangers, each) for each in self._own_topics),
@@ -177,6 +180,19 @@ class RosStage:
             kind = message_type("std_msgs/msg/String")
             self._description = self._node.create_publisher(kind, "robot_description", kept_for_latecomers())
             self._guarded(self._description.publish, kind(data=urdf))
+
+    def _look_for_namesakes(self) -> None:
+        """Log at once that another robot has this one's name; `strangers` have it once it cannot be one that died."""
+        self._doubles = self._doubles + 1 if namesakes(self._node) else 0
+        if self._doubles < _NAMESAKE_LOOKS or self._is_again or self._has_namesake:
+            return
+        self._has_namesake = True
+        own = self._node.get_fully_qualified_name()
+        self._warn_once(
+            f"another {own} is in this ROS domain, and topics, services and commands of the two are mixed up (a run "
+            "that died is still seen for 20 s): "
+            "name each robot with --namespace /NAME, or give it another ROS_DOMAIN_ID"
+        )
 
     def _look_for_mismatches(self, subscription: RosObject) -> None:
         for text in mismatches(self._node, subscription):
