@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, VariableWrite
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.robot import Robot
-from segway_ecc.node.ros.protocol import FromLoop, encoder
 from segway_ecc.node.ros.remote import RemoteStage, RosBridge
 from segway_ecc.node.safety.modes import Answer
 
@@ -38,8 +38,8 @@ class Pace(NamedTuple):
     patience_s: float
 
 
-class LockstepStage(RemoteStage):
-    """See `RemoteStage`. Nothing that the loop reports is lost, and the loop waits where its clock is to stand.
+class LockstepStage:
+    """See `Stage`, and `RemoteStage`. Nothing that the loop reports is lost, and it waits where its clock is to stand.
 
     A turn begins with the clock, once all that was reported before has been published. It ends with the first
     set-point, value, trajectory, request or write of parameters that arrives, which the next cycle takes: a client that
@@ -61,6 +61,8 @@ class LockstepStage(RemoteStage):
         ros_arguments: Sequence[str] = (),
     ) -> None:
         """Bring a simulated robot into ROS at a pace; see `RemoteStage`."""
+        self.over: str | None = None
+        self.wants_reports = True
         self.unanswered = 0
         self._pace = pace
         self.is_ending: Callable[[], bool] = lambda: False
@@ -70,12 +72,12 @@ class LockstepStage(RemoteStage):
         self._open = 0
         self._last: Report | None = None
         self._started_s: float | None = None
-        super().__init__(bridge, robot, namespace, ros_arguments, is_simulated=True)
+        self._remote = RemoteStage(bridge, robot, namespace, ros_arguments, is_simulated=True)
 
     def take_inbox(self) -> Inbox:
         """What has arrived by the time at which this cycle may begin."""
         self._cycle += 1
-        inbox = super().take_inbox()
+        inbox = self._remote.take_inbox()
         if self._last is not None:
             if self._pace.turn_cycles is None:
                 self._put_clock(self._last.stamp_ns)
@@ -84,31 +86,42 @@ class LockstepStage(RemoteStage):
                 if not self._open:
                     self._wait_for_client(inbox, self._last.stamp_ns)
             self._keep_pace()
-        self.wants_reports = True
         return self._with_counted_answers(inbox)
 
     def publish(self, report: Report) -> None:
         """Hand over what is published of the cycle, once there is room for it."""
         self._last = report
         self._wait_for_room()
-        super().publish(report)
+        self._remote.publish(report)
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Hand over diagnostics, once there is room for them."""
+        self._wait_for_room()
+        self._remote.publish_diagnostics(stamp_ns, statuses)
+
+    def do_background_work(self) -> None:
+        """There is none."""
+
+    def close(self) -> None:
+        """Let the robot leave ROS."""
+        self._remote.close()
 
     def _wait_for_client(self, inbox: Inbox, stamp_ns: int) -> None:
         """Stand still until a client has sent something; for the first one as long as it takes."""
         self._put_clock(stamp_ns)
         began_s = again_s = time.monotonic()
         is_first = self._started_s is None
-        while not _is_a_turn(inbox) and not self.is_ending() and self._bridge.status is None:
+        while not _is_a_turn(inbox) and not self.is_ending() and self._remote.is_running:
             now_s = time.monotonic()
             if not is_first and now_s - began_s > self._pace.patience_s:
                 self.unanswered += 1
                 return
             if is_first and now_s - again_s > _AGAIN_S and self._last is not None:
                 again_s = now_s
-                super().publish(self._last)
+                self._remote.publish(self._last)
                 self._put_clock(stamp_ns)
             time.sleep(_POLL_S)
-            _add(inbox, super().take_inbox())
+            _add(inbox, self._remote.take_inbox())
 
     def _keep_pace(self) -> None:
         """Wait until this cycle's time has come, where simulated time is not to pass faster."""
@@ -124,11 +137,11 @@ class LockstepStage(RemoteStage):
 
     def _put_clock(self, stamp_ns: int) -> None:
         self._wait_for_room()
-        self._count(is_put=self._reports.put(FromLoop.CLOCK, encoder.encode(stamp_ns)))
+        self._remote.publish_clock(stamp_ns)
 
     def _wait_for_room(self) -> None:
         until_s = time.monotonic() + _LETS_GO_S
-        while self._reports.held() > _MOST_WAITING and self._bridge.status is None and time.monotonic() < until_s:
+        while self._remote.waiting > _MOST_WAITING and time.monotonic() < until_s:
             time.sleep(_POLL_S)
 
     def _with_counted_answers(self, inbox: Inbox) -> Inbox:

@@ -332,6 +332,20 @@ class RemoteStage:
             self._put(FromLoop.STATUS, each)
         self._put(FromLoop.DIAGNOSTICS, stamp_ns)
 
+    def publish_clock(self, stamp_ns: int) -> None:
+        """Hand over simulated time, ns since the Unix epoch, which is published after what was handed over before."""
+        self._put(FromLoop.CLOCK, stamp_ns)
+
+    @property
+    def waiting(self) -> int:
+        """How many messages the process has not taken; 0 where it has ended."""
+        return self._reports.held() if self._bridge.status is None else 0
+
+    @property
+    def is_running(self) -> bool:
+        """Whether its process runs."""
+        return self._bridge.status is None
+
     def do_background_work(self) -> None:
         """Nothing to do: the process does it."""
 
