@@ -57,12 +57,17 @@ def missing_urdf_checker() -> str | None:
     return None if shutil.which("check_urdf") else "no check_urdf"
 
 
+def missing_colcon() -> str | None:
+    return None if importlib.util.find_spec("colcon_ros") and importlib.util.find_spec("catkin_pkg") else "no colcon"
+
+
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "arm64": (
         missing_arm64,
         "sudo apt-get install --no-install-recommends gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
     ),
     "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
+    "colcon": (missing_colcon, "pip install colcon-common-extensions catkin-pkg"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
     "debuggers": (missing_debuggers, "sudo apt-get install gdb strace"),
     "image": (
