@@ -76,6 +76,7 @@ class SetpointSection(Section, frozen=True, kw_only=True):
         horizon_s: How far ahead a stamp may lie, s.
         max_linear_velocity: Largest linear velocity that may be asked for, m/s; None for any.
         max_angular_velocity: Largest angular velocity that may be asked for, rad/s; None for any.
+        beyond_limits: What becomes of a set-point that asks for more: it is refused, or clamped.
     """
 
     timeout_s: Seconds = 0.5
@@ -83,6 +84,7 @@ class SetpointSection(Section, frozen=True, kw_only=True):
     horizon_s: Seconds = 30.0
     max_linear_velocity: Velocity | None = None
     max_angular_velocity: Velocity | None = None
+    beyond_limits: Literal["refuse", "clamp"] = "refuse"
 
 
 class SimulationSection(Section, frozen=True, kw_only=True):
@@ -113,6 +115,11 @@ class RosSection(Section, frozen=True, kw_only=True):
         right_joint: The joint of the axis `right`.
         joints: The joints of other axes, by the axis' name; `<axis>_joint` where one is left out.
         odometry_depth: How many odometry messages wait for a reliable subscriber that is stopped or starved.
+        cmd_vel: The type of `cmd_vel`.
+        pitch: The `topic.<name>` of the wiring on which the model publishes how far the frame of the IMU is turned
+            about y, rad: with it and the heading the IMU has an orientation.
+        prefix_frames: Whether frames begin with the namespace, so that robots share `/tf`: `robot1/base_link`.
+        odometry_tf: Whether the odometry is a transform on `/tf` too; not where a filter publishes a better one.
     """
 
     node_name: str = "model"
@@ -123,6 +130,17 @@ class RosSection(Section, frozen=True, kw_only=True):
     right_joint: str = "right_wheel_joint"
     joints: dict[AxisName, str] = msgspec.field(default_factory=dict)
     odometry_depth: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 10
+    cmd_vel: Literal["Twist", "TwistStamped"] = "Twist"
+    pitch: str | None = None
+    prefix_frames: bool = False
+    odometry_tf: bool = True
+
+    def in_namespace(self, namespace: str) -> "RosSection":
+        """The same with the names that its frames have in a namespace."""
+        if not self.prefix_frames or not namespace.strip("/"):
+            return self
+        frames = ("odometry_frame", "base_frame", "imu_frame")
+        return structs.replace(self, **{each: f"{namespace.strip('/')}/{getattr(self, each)}" for each in frames})
 
     def joint_names(self, joints: Sequence[str]) -> list[str]:
         """What ROS calls the joints whose angles are these signals."""

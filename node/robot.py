@@ -62,6 +62,7 @@ class Robot:
             tolerance_cycles=round(section.stamp_tolerance_s / step),
             horizon_cycles=horizon,
             largest=largest,
+            clamps=section.beyond_limits == "clamp",
         )
         return Cycle(
             model=self.model,
@@ -116,6 +117,8 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None, report:
             raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error
     declared = declared_variables(model, section.ranges, section.tunable_while_armed)
     wiring = wire(model, hardware, file.wiring, declared, file.controller_mixers)
+    if file.ros.pitch is not None and file.ros.pitch not in wiring.topics:
+        raise ConfigurationError(f"ros.pitch: nothing is wired to topic.{file.ros.pitch}")
     # So that what is wrong is reported before anything is opened.
     for place, value in sit_down_values(file.station, wiring.set_names):
         low, high = wiring.set_ranges[place]

@@ -53,12 +53,21 @@ def missing_debuggers() -> str | None:
     return None if shutil.which("gdb") and shutil.which("strace") else "no gdb or no strace"
 
 
+def missing_urdf_checker() -> str | None:
+    return None if shutil.which("check_urdf") else "no check_urdf"
+
+
+def missing_colcon() -> str | None:
+    return None if importlib.util.find_spec("colcon_ros") and importlib.util.find_spec("catkin_pkg") else "no colcon"
+
+
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "arm64": (
         missing_arm64,
         "sudo apt-get install --no-install-recommends gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
     ),
     "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
+    "colcon": (missing_colcon, "pip install colcon-common-extensions catkin-pkg"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
     "debuggers": (missing_debuggers, "sudo apt-get install gdb strace"),
     "image": (
@@ -76,6 +85,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     ),
     "namespaces": (other_host_lacks, "run as root; sudo apt-get install iproute2"),
     "mujoco": (missing_mujoco, "pip install mujoco"),
+    "urdf": (missing_urdf_checker, "sudo apt-get install liburdfdom-tools"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }
 

@@ -10,10 +10,19 @@ from xml.etree import ElementTree as ET
 from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, graded, warning
 from segway_ecc.deploy.support.commands import NoAnswerError
 from segway_ecc.node.cycle.real_time import IDLE_LATENCY, PRIORITY
+from segway_ecc.node.ros.runtime import ENFORCE, STRATEGY, why_not_secure
 
 SERVICE_ENVIRONMENT: Final = "/etc/segway-ecc/environment"
-_LOAD: Final = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
-_NOT_THERE: Final = "No module named"
+_LOAD: Final = """\
+from segway_ecc.node.ros.runtime import ros_node
+with ros_node("segway_ecc_doctor", ""):
+    import rclpy
+    print(rclpy.get_rmw_implementation_identifier())
+"""
+"""As the node of a robot starts: under what it does not start under, neither does this."""
+_NOT_THERE: Final = ("No module named", "is not available here")
+_OURS: Final = "segway_ecc.node.errors.RosUnavailableError: "
+_TRY_ROS: Final = "segway-ecc run cart --ros --no-log --duration 1"
 _TOO_LONG: Final = "gave no answer within"
 _INSTALL: Final = "source an installation (. /opt/ros/jazzy/setup.sh), or on x86_64: pip install 'segway-ecc[ros]'"
 _DOMAINS: Final = range(233)
@@ -233,6 +242,12 @@ def check_ros(machine: System, _workload: Workload) -> Iterator[Finding]:
     yield _loads(machine, {} if text is None else settings)
     yield _domain(settings.get("ROS_DOMAIN_ID", ""), place)
     yield _discovery(settings, place)
+    open_end = why_not_secure(settings)
+    if open_end is not None:
+        effect = (
+            "anybody in its network may command a robot that was meant to be secured, and secured nodes do not see it"
+        )
+        yield warning("ROS security", open_end, effect, f"{STRATEGY}={ENFORCE} in {place}")
     if _PROFILES in settings:
         name, path = "Fast DDS profiles", settings[_PROFILES]
         effect = "Fast DDS goes on with its own settings, so discovery and transports are not as meant"
@@ -257,13 +272,15 @@ def _loads(machine: System, own: Mapping[str, str]) -> Finding:
         if _TOO_LONG in reason:
             found = f"rclpy did not load within {reason.rpartition('within ')[2]}"
             effect = "the node takes as long to start, and its unit gives up where that is longer than it allows"
-            return warning("ROS 2", found, effect, f"see what else runs (top), then: {sys.executable} -P -c '{_LOAD}'")
-        found = f"rclpy does not load: {reason.removeprefix('env: ')}"
-        if _NOT_THERE in reason:
+            return warning("ROS 2", found, effect, f"see what else runs (top), then: {_TRY_ROS}")
+        reason = reason.removeprefix("env: ").removeprefix(_OURS)
+        found = f"rclpy does not load: {reason}"
+        if any(text in reason for text in _NOT_THERE):
             effect = "the robot runs alone: nobody can watch, command or stop it over the network"
             return warning("ROS 2", found, effect, _INSTALL)
         effect = "the node does not start, unless it is run with --no-ros"
-        return bad("ROS 2", found, effect, f"fix what it names, such as RMW_IMPLEMENTATION; or anew: {_INSTALL}")
+        remedy = f"fix what it names, such as RMW_IMPLEMENTATION, and try: {_TRY_ROS}; or anew: {_INSTALL}"
+        return bad("ROS 2", found, effect, remedy)
     return good("ROS 2", f"rclpy loads, with {words[-1] if words else 'an unnamed middleware'}")
 
 

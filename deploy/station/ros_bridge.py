@@ -30,7 +30,15 @@ from segway_ecc.deploy.station.robot_messages import (
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.trajectory import Trajectory
 from segway_ecc.node.errors import exception_text, shortened
-from segway_ecc.node.ros.messages import RosObject, decode_message, duration, message_type, stamp_ns
+from segway_ecc.node.ros.messages import (
+    TWIST_STAMPED_TYPE,
+    TWIST_TYPE,
+    RosObject,
+    decode_message,
+    duration,
+    message_type,
+    stamp_ns,
+)
 from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE
 from segway_ecc.node.ros.runtime import UNKNOWN_NODE, ros_node
 from segway_ecc.node.ros.trajectories import (
@@ -103,14 +111,16 @@ class RosRobotConnection:
             ("std_msgs/msg/Float64", "pitch"): lambda message: Pitch(message.data),
             ("sensor_msgs/msg/BatteryState", "battery_state"): lambda message: Supply(message.voltage),
             ("diagnostic_msgs/msg/DiagnosticArray", "diagnostics"): lambda message: decode_health(
-                (status.name, _values(status)) for status in message.status
+                (status.name, _values(status))
+                for status in message.status
+                if "/" not in status.name  # else of a robot in another namespace, on /diagnostics
             ),
         }
         self._others = [
             (self._subscribe("nav_msgs/msg/Odometry", "odom", _NEWEST), read_odometry),
             *((self._subscribe(*of, _NEWEST), _decoder(of[0], read)) for of, read in readers.items()),
         ]
-        self._drive = self._publisher("geometry_msgs/msg/Twist", "cmd_vel", _SENT_DEPTH)
+        self._drive = self._publisher(self._type_of_drive(), "cmd_vel", _SENT_DEPTH)
         self._follow = self._publisher(TRAJECTORY_TYPE, TRAJECTORY_TOPIC, _SENT_DEPTH)
         self._beat = self._publisher("std_msgs/msg/Header", "station", _NEWEST)
         self._watch = self._publisher(WATCH_TYPE, WATCH_TOPIC, _SENT_DEPTH)
@@ -166,9 +176,25 @@ class RosRobotConnection:
 
     def drive(self, setpoint: Setpoint) -> None:
         """See `RobotConnection.drive`."""
+        if not self._drive.get_subscription_count():
+            self._match_drive()
         message = self._drive.msg_type()
-        message.linear.x, message.angular.z = setpoint
+        twist = message.twist if hasattr(message, "twist") else message  # a stamp of zero means now
+        twist.linear.x, twist.angular.z = setpoint
         self._drive.publish(message)
+
+    def _match_drive(self) -> None:
+        """Publish the type that the robot takes, which need not have been known when it was found."""
+        wanted = self._type_of_drive()
+        if self._drive.msg_type is not message_type(wanted):
+            self._node.destroy_publisher(self._drive)
+            self._drive = self._publisher(wanted, "cmd_vel", _SENT_DEPTH)
+
+    def _type_of_drive(self) -> str:
+        """What the robot takes on `cmd_vel`, by its setting `ros.cmd_vel`."""
+        takers = self._node.get_subscriptions_info_by_topic(topic(self._robot, "cmd_vel"))
+        is_stamped = any(taker.topic_type == TWIST_STAMPED_TYPE for taker in takers)
+        return TWIST_STAMPED_TYPE if is_stamped else TWIST_TYPE
 
     def follow(self, trajectory: Trajectory) -> None:
         """See `RobotConnection.follow`."""

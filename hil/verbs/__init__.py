@@ -9,6 +9,7 @@ _ROWS: Final = (
     ("demo", "", "a simulated robot and its base station in the browser: see it, push it, break it", Section.ROBOT),
     ("play", "segway", "a whole simulated robot on this machine, driven with the arrow keys", Section.ROBOT),
     ("plant", "cart-can", "the simulated plant and drives at the other end of a robot's bus", Section.ROBOT),
+    ("lock-step", "cart", "a simulated robot in ROS on simulated time, with /clock", Section.ROBOT),
     ("design", "gains segway", "the controller of a balancing robot", Section.MODEL),
     ("design gains", "segway", "gains from what the robot is made of, with poles and stability margins", ""),
     ("design margins", "", "the disturbance limits of the robot, found by search, against what is required", "margins"),

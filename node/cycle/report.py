@@ -20,6 +20,7 @@ MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
 
 MODE_SUFFIX: Final = ": mode"
+SETPOINTS_SUFFIX: Final = ": set-points"
 """End of the name of the status of the mode; its values: `mode`, `reason`, `posture` where the robot has one, and a
 `check.<name>` per pre-arm check."""
 _DONE: Final = object()
@@ -133,17 +134,22 @@ class DiagnosticReport:
         schedule = self._cycle.schedule
         writer = self._cycle.writer
         refused = self._new("setpoints", sum(schedule.refused.values()))
-        writes = self._new("writes", writer.refused)
+        clamped, writes = self._new("clamped", schedule.clamped), self._new("writes", writer.refused)
         values = {
             "applied": str(schedule.applied),
             "late": str(schedule.late),
+            **({"clamped": str(schedule.clamped)} if schedule.clamped else {}),
             **{f"refused.{cause}": str(count) for cause, count in schedule.refused.items()},
             "parameters.written": str(writer.written),
             "parameters.refused": str(writer.refused),
         }
         trouble = "; ".join(
             f"{count} {what} since the last report"
-            for count, what in ((refused, "refused"), (writes, "writes of parameters refused"))
+            for count, what in (
+                (refused, "refused"),
+                (clamped, "clamped to the limits"),
+                (writes, "writes of parameters refused"),
+            )
             if count
         )
         return self._status("set-points", trouble, "taken as they come", values)

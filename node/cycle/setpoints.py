@@ -49,10 +49,17 @@ class SetpointSchedule:
         refused: How many were refused, by cause.
         late: How many came after their cycle but within the tolerance, and were applied on arrival.
         applied: How many came into force.
+        clamped: How many asked for more than the largest, and were taken with that.
     """
 
     def __init__(
-        self, timeout_cycles: int, tolerance_cycles: int, horizon_cycles: int, largest: Setpoint = NO_LIMIT
+        self,
+        timeout_cycles: int,
+        tolerance_cycles: int,
+        horizon_cycles: int,
+        largest: Setpoint = NO_LIMIT,
+        *,
+        clamps: bool = False,
     ) -> None:
         """Set the limits.
 
@@ -61,8 +68,11 @@ class SetpointSchedule:
             tolerance_cycles: Lateness still taken.
             horizon_cycles: How far ahead is taken.
             largest: Largest magnitudes that are taken; what asks for more is refused, for no robot was meant to do it.
+            clamps: Whether it is taken with the largest instead, each velocity by itself.
         """
         self._largest = largest
+        self._clamps = clamps
+        self.clamped = 0
         self.refused: Counter[SetpointRefusal] = Counter()
         self.late = 0
         self.applied = 0
@@ -81,16 +91,18 @@ class SetpointSchedule:
 
     def add(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
         """Take a set-point for `cycle`, being in cycle `now`; return why it was refused, if it was."""
-        refusal = self._refusal(setpoint, cycle, now)
+        taken = self._clamped(setpoint) if self._clamps else setpoint
+        refusal = self._refusal(taken, cycle, now)
         if refusal is not None:
             self.refuse(refusal)
             return refusal
+        self.clamped += taken != setpoint
         if cycle < now:
             self.late += 1
         elif cycle > now:
             self._ahead_until = max(self._ahead_until, cycle)
         self._order += 1
-        heapq.heappush(self._waiting, (max(cycle, now), self._order, setpoint))
+        heapq.heappush(self._waiting, (max(cycle, now), self._order, taken))
         return None
 
     def refuse(self, refusal: SetpointRefusal) -> None:
@@ -125,6 +137,17 @@ class SetpointSchedule:
         self._waiting.clear()
         self._current = REST
         self._applied_at = None
+
+    def _clamped(self, setpoint: Setpoint) -> Setpoint:
+        """The nearest that is allowed; what is not finite stays so."""
+        linear, angular = setpoint
+        most_linear, most_angular = self._largest
+        if not (math.isfinite(linear) and math.isfinite(angular)):
+            return setpoint
+        return Setpoint(
+            max(min(linear, most_linear), -most_linear),
+            max(min(angular, most_angular), -most_angular),
+        )
 
     def _refusal(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
         linear, angular = setpoint.linear_velocity, setpoint.angular_velocity

@@ -281,7 +281,7 @@ class Commander:
         if stamp_ns(message.header) <= self._armed_ns:
             return  # from before the robot answered that it is armed
         for status in message.status:
-            if status.name.endswith(MODE_SUFFIX):
+            if status.name.endswith(MODE_SUFFIX) and "/" not in status.name:  # else of a robot in another namespace
                 values = {pair.key: pair.value for pair in status.values}
                 mode = values.get("mode", "")
                 if mode in Mode.__members__:  # others in this namespace may have modes of their own

@@ -15,6 +15,10 @@ from segway_ecc.node.cycle.status import DiagnosticStatus
 
 RosObject: TypeAlias = Any
 """A node, publisher, message or other object of ROS 2's Python packages, which carry no type information."""
+TF2: Final = "tf2_msgs"
+"""Part of every installation of ROS, and no wheel on PyPI: without it no transform is published."""
+TWIST_TYPE: Final = "geometry_msgs/msg/Twist"
+TWIST_STAMPED_TYPE: Final = "geometry_msgs/msg/TwistStamped"
 NS_PER_S: Final = 1_000_000_000
 STAMP: Final = (("header.stamp.sec", "i"), ("header.stamp.nanosec", "I"))
 """The fields of a stamp: seconds, nanoseconds."""
@@ -41,6 +45,12 @@ def newest_only() -> RosObject:
     return qos.QoSProfile(depth=1, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
 
 
+def kept_for_latecomers() -> RosObject:
+    """Quality of service for what is published once: whoever subscribes later receives it too."""
+    qos = importlib.import_module("rclpy.qos")
+    return qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
+
+
 def set_stamp(header: RosObject, stamp_ns: int) -> None:
     """Write a stamp, ns since the Unix epoch, into a std_msgs/Header."""
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
@@ -51,15 +61,18 @@ def stamp_ns(header: RosObject) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-def diagnostic_array(statuses: Sequence[DiagnosticStatus], stamp_ns: int) -> RosObject:
-    """A diagnostic_msgs/DiagnosticArray."""
+def diagnostic_array(
+    statuses: Sequence[DiagnosticStatus], stamp_ns: int, hardware_id: str, prefix: str = ""
+) -> RosObject:
+    """A diagnostic_msgs/DiagnosticArray of a robot; `prefix` begins the name of each status."""
     array = message_type("diagnostic_msgs/msg/DiagnosticArray")()
     set_stamp(array.header, stamp_ns)
     key_value, kind = message_type("diagnostic_msgs/msg/KeyValue"), message_type("diagnostic_msgs/msg/DiagnosticStatus")
     for status in statuses:
         values = [key_value(key=key, value=value) for key, value in status.values.items()]
         level = bytes((status.level,))
-        array.status.append(kind(level=level, name=status.name, message=status.message, values=values))
+        name, message = f"{prefix}{status.name}", status.message
+        array.status.append(kind(level=level, name=name, message=message, hardware_id=hardware_id, values=values))
     return array
 
 
@@ -76,8 +89,8 @@ class Template:
 
         Args:
             message: It holds every value that stays as it is; sequences have the length that they keep.
-            fields: What changes, in the order of the message: a path such as `pose.position.x` or `position.0`, and the
-                format of the number as in `struct`.
+            fields: What changes, in the order of the message: a path such as `pose.position.x`, `position.0` or
+                `transforms.0.header.stamp.sec`, and the format of the number as in `struct`.
 
         Raises:
             ValueError: A field is not where it was expected.
@@ -115,7 +128,7 @@ def _offset(message: RosObject, path: str, number: str, serialize: Callable[[Ros
         ValueError: There is no such place, or more than one.
     """
     *way, name = path.split(".")
-    parent = functools.reduce(getattr, way, message)
+    parent = functools.reduce(lambda at, part: at[int(part)] if part.isdecimal() else getattr(at, part), way, message)
     is_item = name.isdecimal()
 
     def write(value: RosObject) -> None:

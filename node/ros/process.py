@@ -31,7 +31,7 @@ from segway_ecc.node.model.writer import Values
 from segway_ecc.node.ring import RingReader, RingWriter
 from segway_ecc.node.ros import protocol
 from segway_ecc.node.ros.messages import RosObject
-from segway_ecc.node.ros.runtime import preload, ros_node
+from segway_ecc.node.ros.runtime import ENFORCE, STRATEGY, preload, ros_node, why_not_secure
 from segway_ecc.node.ros.stage import RosStage
 from segway_ecc.node.safety.modes import Answer
 
@@ -40,6 +40,8 @@ _AFTER_NS: Final = 200_000
 _SHORTEST_S: Final = 0.0001
 _LONGEST_S: Final = 0.01
 """Between two looks where none came in time; each is twice as long as the one before."""
+_SIMULATED_S: Final = 0.001
+"""Between two looks for what a simulated robot reports, whose time stands still until its client has answered."""
 _LOOK_S: Final = 0.1
 """Between two looks who subscribes, and whether the loop's process has gone. Where nobody subscribes to what is
 published of each cycle the loop does not report it, and what else it reports waits as long."""
@@ -209,8 +211,17 @@ class Subscriptions:
 class Publishing:
     """Publishes what the loop hands over until the loop ends, or has gone."""
 
-    def __init__(self, stage: RosStage, subscriptions: Subscriptions, reports: RingReader, period_ns: int) -> None:
-        """Publish on `stage` what comes through `reports`, about once in `period_ns`."""
+    def __init__(
+        self,
+        stage: RosStage,
+        subscriptions: Subscriptions,
+        reports: RingReader,
+        period_ns: int,
+        *,
+        is_simulated: bool = False,
+    ) -> None:
+        """Publish on `stage` what comes through `reports`, about once in `period_ns`, or whenever it is simulated."""
+        self._longest_s, self._idle_s = (_SIMULATED_S, _SIMULATED_S) if is_simulated else (_LONGEST_S, _LOOK_S)
         self._stage = stage
         self._subscriptions = subscriptions
         self._reports = reports
@@ -229,10 +240,10 @@ class Publishing:
             for kind, body in self._reports.take_messages():
                 self._handle(kind, body)
             if not self._has_subscribers:
-                time.sleep(_LOOK_S)
+                time.sleep(self._idle_s)
             elif self._reported_ns == before_ns:
                 time.sleep(pause_s)
-                pause_s = min(2.0 * pause_s, _LONGEST_S)
+                pause_s = min(2.0 * pause_s, self._longest_s)
             else:
                 # The loop wakes nobody, which would cost it more than all the rest: when it will report is known.
                 early_ns = self._reported_ns + self._period_ns + _AFTER_NS - time.monotonic_ns()
@@ -263,6 +274,8 @@ class Publishing:
                 self._statuses = []
             case protocol.FromLoop.ANSWER:
                 self._subscriptions.answer(protocol.decode_answer(body))
+            case protocol.FromLoop.CLOCK:
+                self._stage.publish_clock(protocol.decode_stamp(body))
             case protocol.FromLoop.WRITTEN:
                 self._subscriptions.write_results.put(protocol.decode_write_result(body))
             case _:
@@ -279,12 +292,16 @@ def run_ros(settings: protocol.RosSettings, source: int) -> None:
     arguments = settings.ros.node_name, settings.namespace, settings.ros_arguments
     with contextlib.ExitStack() as stack:
         with helping_threads():  # those of DDS and the one that listens; the one that publishes is this one
-            node = stack.enter_context(ros_node(*arguments, parameters=True))
+            is_simulated = settings.is_simulated
+            if (open_end := why_not_secure(os.environ)) is not None:
+                _logger.warning("%s; set %s=%s", open_end, STRATEGY, ENFORCE)
+            node = stack.enter_context(ros_node(*arguments, parameters=True, is_simulated=is_simulated))
             stage = RosStage(node, settings, subscriptions.write)
             wait_set = WaitSet(node, stage)
             listening = threading.Thread(target=subscriptions.run, args=(wait_set, stage), name="subscriptions")
             listening.start()
-        publishing = Publishing(stage, subscriptions, RingReader(settings.reports), settings.period_ns)
+        reports = RingReader(settings.reports)
+        publishing = Publishing(stage, subscriptions, reports, settings.period_ns, is_simulated=is_simulated)
         with contextlib.suppress(BrokenPipeError):  # the loop's process has ended: `source` shows it
             print("ready", json.dumps(stage.overrides), flush=True)  # noqa: T201 - read by who started this process
         try:
@@ -305,6 +322,9 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGABRT):
         signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # What ROS and DDS print by themselves is no answer of this process.
+    sys.stdout = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), 1)
     try:
         preload()
         line = sys.stdin.buffer.readline()  # empty where the loop's process has ended before it had a robot

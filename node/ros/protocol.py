@@ -18,6 +18,13 @@ from segway_ecc.node.safety.modes import Action, Answer
 WATCH_TOPIC: Final = "watch"
 """Where a base station introduces itself."""
 WATCH_TYPE: Final = "std_msgs/msg/String"
+USE_SIM_TIME: Final = "use_sim_time"
+"""The parameter that every ROS node has: whether its time is that of `/clock`."""
+NO_SIM_TIME: Final = (
+    f"'{USE_SIM_TIME}' must be false: this robot runs by its machine's clock; simulate it by one of its own, which it "
+    "publishes on /clock, with segway-ecc lock-step ROBOT"
+)
+SIM_TIME: Final = f"'{USE_SIM_TIME}' must be true: this robot is simulated, and runs by the time that is on /clock"
 _NUMBER_BYTES: Final = 9
 """Of MessagePack, at most."""
 _REPORTS: Final = 64
@@ -38,6 +45,8 @@ class FromLoop(enum.IntEnum):
     ANSWER = 4
     WRITTEN = 5
     END = 6
+    CLOCK = 7
+    """Simulated time is published; the body is its stamp. What was reported before has been published by then."""
 
 
 @enum.unique
@@ -116,11 +125,15 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
         topics: Topics that variables are published on, in the order of the wiring.
         set_names: Names of the values that anybody may set, in the order of the wiring.
         stand: Of these the one that stands the robot up or sits it down; None where it has no posture.
+        wheel_radius: m; None where the robot's file has none.
+        pitch: The place among `topics` of the pitch of the IMU; None where it has none.
+        description: Of the robot, as URDF; empty where its geometry does not suffice.
         residual: What is published of the residual monitor, with its unit; empty where the robot has none.
         parameters: The model's parameters as the robot declares them, each with the value that it has now.
         reports: File descriptor of the ring from the loop.
         inboxes: That of the ring to the loop.
         is_again: Whether it takes the place of one that has died: `parameters` count, not the command line.
+        is_simulated: Whether stamps are simulated time, which is published on `/clock`.
     """
 
     robot: str
@@ -132,11 +145,15 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     topics: tuple[str, ...]
     set_names: tuple[str, ...]
     stand: str | None
+    wheel_radius: float | None = None
+    pitch: int | None = None
+    description: str = ""
     residual: tuple[str, ...] = ()
     parameters: tuple[Variable, ...]
     reports: int
     inboxes: int
     is_again: bool = False
+    is_simulated: bool = False
 
     @property
     def report_slots(self) -> int:

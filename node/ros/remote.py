@@ -26,7 +26,10 @@ from segway_ecc.node.model.model import Model
 from segway_ecc.node.model.writer import VariableWriter
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring
 from segway_ecc.node.robot import Robot
+from segway_ecc.node.ros.description import urdf
 from segway_ecc.node.ros.protocol import (
+    NO_SIM_TIME,
+    USE_SIM_TIME,
     FromLoop,
     RosSettings,
     ToLoop,
@@ -199,7 +202,15 @@ class RemoteStage:
         dropped: Messages that did not get through, mostly because the process did not keep up.
     """
 
-    def __init__(self, bridge: RosBridge, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        bridge: RosBridge,
+        robot: Robot,
+        namespace: str = "",
+        ros_arguments: Sequence[str] = (),
+        *,
+        is_simulated: bool = False,
+    ) -> None:
         """Bring a robot into ROS.
 
         Args:
@@ -207,6 +218,7 @@ class RemoteStage:
             robot: The robot that is to be in ROS.
             namespace: Where it lives in the ROS graph.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
+            is_simulated: Whether the robot's clock is a simulated one, which the rest of ROS is to follow.
 
         Raises:
             ConfigurationError: A parameter on the command line is refused; the others reach the model here already.
@@ -234,10 +246,14 @@ class RemoteStage:
             topics=tuple(wiring.topics),
             set_names=wiring.set_names,
             stand=safety.posture.stand if (safety := robot.file.safety) and safety.posture else None,
+            wheel_radius=robot.file.geometry.wheel_radius,
+            pitch=None if (pitch := robot.file.ros.pitch) is None else list(wiring.topics).index(pitch),
+            description=urdf(robot.file, wiring.published),
             residual=SHOWN if safety and safety.residual else (),
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in parameters),
             reports=bridge.reports,
             inboxes=bridge.inboxes,
+            is_simulated=is_simulated,
         )
         size_ring(settings.reports, settings.report_slots)
         size_ring(settings.inboxes, INBOX_SLOTS)
@@ -316,6 +332,20 @@ class RemoteStage:
             self._put(FromLoop.STATUS, each)
         self._put(FromLoop.DIAGNOSTICS, stamp_ns)
 
+    def publish_clock(self, stamp_ns: int) -> None:
+        """Hand over simulated time, ns since the Unix epoch, which is published after what was handed over before."""
+        self._put(FromLoop.CLOCK, stamp_ns)
+
+    @property
+    def waiting(self) -> int:
+        """How many messages the process has not taken; 0 where it has ended."""
+        return self._reports.held() if self._bridge.status is None else 0
+
+    @property
+    def is_running(self) -> bool:
+        """Whether its process runs."""
+        return self._bridge.status is None
+
     def do_background_work(self) -> None:
         """Nothing to do: the process does it."""
 
@@ -344,11 +374,15 @@ class RemoteStage:
         names = [variable.name for variable in self._model.parameters]
         values: list[tuple[str, float]] = []
         for name, value in given.items():
+            if name == USE_SIM_TIME:
+                raise ConfigurationError(f"parameter override: {NO_SIM_TIME}")
             if name not in names:
                 unknown = UnknownNameError(f"parameter of model '{self._model.name}'", name, names)
                 raise ConfigurationError(f"parameter override: {unknown}")
             if value is None:
-                raise ConfigurationError(f"parameter override: '{name}' takes a floating-point number")
+                raise ConfigurationError(
+                    f"parameter override: '{name}' takes a floating-point number: write it with a point, such as 1.0"
+                )
             values.append((name, value))
         refusal = writer.write(values)
         if refusal:

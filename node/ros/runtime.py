@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import RosUnavailableError
-from segway_ecc.node.ros.messages import RosObject
+from segway_ecc.node.ros.messages import TF2, TWIST_STAMPED_TYPE, TWIST_TYPE, RosObject
 
 _MODULES: Final = (
     "rclpy.node",
@@ -52,6 +52,9 @@ _LAST_DOMAIN: Final = 232
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS: Final = "ROS_STATIC_PEERS"
 LOCALHOST_ONLY: Final = "ROS_LOCALHOST_ONLY"
+SECURITY: Final = "ROS_SECURITY_ENABLE"
+STRATEGY: Final = "ROS_SECURITY_STRATEGY"
+ENFORCE: Final = "Enforce"
 
 _WAKE_S: Final = 0.1
 _OWN_FILE: Final = Path("DEFAULT_FASTRTPS_PROFILES.xml")
@@ -105,6 +108,13 @@ def require_ros() -> None:
         raise RosUnavailableError(f"{RMW} is '{rmw}', which is not installed here: install it, or unset {RMW}")
 
 
+def why_not_secure(environment: Mapping[str, str]) -> str | None:
+    """What is left open where the security of ROS is on, and need not be; None where nothing is."""
+    if environment.get(SECURITY) != "true" or environment.get(STRATEGY) == ENFORCE:
+        return None
+    return f"{SECURITY} is true and {STRATEGY} is not {ENFORCE}: where keys are missing ROS goes on without security"
+
+
 def _is_installed(rmw: str) -> bool:
     if rmw.isidentifier() and importlib.util.find_spec(rmw) is not None:
         return True
@@ -137,8 +147,9 @@ def preload() -> None:
         RosUnavailableError: ROS is not there or cannot be imported.
     """
     require_ros()
+    optional = [f"{TF2}.msg"] if importlib.util.find_spec(TF2) is not None else []
     try:
-        for name in _MODULES:
+        for name in (*_MODULES, *optional):
             importlib.import_module(name)
     except ImportError as error:
         raise RosUnavailableError(f"ROS 2 does not start: {error}") from error
@@ -146,7 +157,12 @@ def preload() -> None:
 
 @contextlib.contextmanager
 def ros_node(
-    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False
+    name: str,
+    namespace: str,
+    ros_arguments: Sequence[str] = (),
+    *,
+    parameters: bool = False,
+    is_simulated: bool = False,
 ) -> Iterator[RosObject]:
     """A ROS node of its own context, without signal handlers of ROS' own.
 
@@ -156,6 +172,7 @@ def ros_node(
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
         parameters: Whether it offers the parameter services, which the caller has to serve, and has those parameters
             that are given on the command line.
+        is_simulated: Whether `use_sim_time` is true, whatever the command line has.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -176,11 +193,16 @@ def ros_node(
                 start_parameter_services=parameters,
                 enable_rosout=False,
                 automatically_declare_parameters_from_overrides=parameters,
-                # No executor would ever answer it.
-                parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],
+                # No executor would ever answer the service.
+                parameter_overrides=[
+                    rclpy.Parameter("start_type_description_service", value=False),
+                    *([rclpy.Parameter("use_sim_time", value=True)] if is_simulated else ()),
+                ],
             )
     except Exception as error:  # rclpy raises whatever its C++ core does
-        raise RosUnavailableError(f"ROS 2 does not start: {error}") from error
+        keys = f"; {SECURITY} is true: see ROS_SECURITY_KEYSTORE and ROS_SECURITY_ENCLAVE_OVERRIDE"
+        hint = keys if os.environ.get(SECURITY) == "true" else ""
+        raise RosUnavailableError(f"ROS 2 does not start: {error}{hint}") from error
     try:
         yield node
     finally:
@@ -248,9 +270,13 @@ def mismatches(node: RosObject, subscription: RosObject) -> Iterator[str]:
     ours = f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
     for peer in node.get_publishers_info_by_topic(topic):
         if peer.topic_type != ours:
+            is_other_twist = topic.endswith("/cmd_vel") and peer.topic_type in (TWIST_TYPE, TWIST_STAMPED_TYPE)
+            setting = (
+                f"set ros.cmd_vel: {peer.topic_type.rpartition('/')[2]} in the robot file, " if is_other_twist else ""
+            )
             yield (
                 f"{_full_name(peer)} publishes {peer.topic_type} on {topic}, which takes {ours}: they never meet. "
-                f"Publish {ours}, or remap it away"
+                f"Publish {ours}, {setting}or remap it away"
             )
         elif peer.qos_profile.reliability.name == "BEST_EFFORT":
             yield (
@@ -259,11 +285,34 @@ def mismatches(node: RosObject, subscription: RosObject) -> Iterator[str]:
             )
 
 
+def unreached(node: RosObject, topic: str) -> Iterator[str]:
+    """Why subscribers never receive what `node` publishes, reliable and volatile, on a topic; each with the fix."""
+    own = node.get_fully_qualified_name()
+    ours = [peer.topic_type for peer in node.get_publishers_info_by_topic(topic) if _full_name(peer) == own]
+    for peer in node.get_subscriptions_info_by_topic(topic):
+        if ours and peer.topic_type not in ours:
+            yield (
+                f"{_full_name(peer)} subscribes to {topic} as {peer.topic_type}, which is {ours[0]}: it receives "
+                f"nothing. Subscribe as {ours[0]}"
+            )
+        elif peer.qos_profile.durability.name == "TRANSIENT_LOCAL":
+            yield (
+                f"{_full_name(peer)} subscribes to {topic} as transient local, and we publish volatile: it receives "
+                "nothing. Set its durability to volatile"
+            )
+
+
 def strangers(node: RosObject, topic: str) -> tuple[list[str], int]:
     """Who else publishes a topic that `node` publishes: nodes of other names, and how many of its own beside it."""
     names = [_full_name(peer) for peer in node.get_publishers_info_by_topic(topic) if peer.node_name != UNKNOWN_NODE]
     own = node.get_fully_qualified_name()
     return sorted({name for name in names if name != own}), max(names.count(own) - 1, 0)
+
+
+def namesakes(node: RosObject) -> int:
+    """How many others are in ROS under the name and namespace of `node`."""
+    own = node.get_name(), node.get_namespace()
+    return max(list(node.get_node_names_and_namespaces()).count(own) - 1, 0)
 
 
 def _full_name(info: RosObject) -> str:

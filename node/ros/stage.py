@@ -11,16 +11,36 @@ from collections.abc import Callable, Collection, Sequence, Sized
 from functools import partial
 from typing import Final
 
+from msgspec import structs
+
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.report import SETPOINTS_SUFFIX
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write, refusal_of
 from segway_ecc.node.model.writer import Values
-from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_type, newest_only, stamp_ns
-from segway_ecc.node.ros.protocol import WATCH_TOPIC, WATCH_TYPE, RosSettings
-from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_topics
-from segway_ecc.node.ros.runtime import mismatches, strangers
+from segway_ecc.node.ros.messages import (
+    TWIST_STAMPED_TYPE,
+    TWIST_TYPE,
+    RosObject,
+    diagnostic_array,
+    kept_for_latecomers,
+    message_type,
+    newest_only,
+    stamp_ns,
+)
+from segway_ecc.node.ros.protocol import (
+    NO_SIM_TIME,
+    SIM_TIME,
+    USE_SIM_TIME,
+    WATCH_TOPIC,
+    WATCH_TYPE,
+    RosSettings,
+)
+from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_clock, make_topics
+from segway_ecc.node.ros.ros_log import RosLog
+from segway_ecc.node.ros.runtime import mismatches, namesakes, strangers, unreached
 from segway_ecc.node.ros.trajectories import TRAJECTORY_TOPIC, TRAJECTORY_TYPE, read_trajectory
 from segway_ecc.node.safety.modes import POSTURES, Action, Answer
 
@@ -31,6 +51,7 @@ LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _WARNINGS_AT_MOST: Final = 100
 _DECIDED_BY: Final = ("mode", "odom", "setpoint", "trajectory_status")
+_NAMESAKE_LOOKS: Final = 2
 _LEFT_OVER_LOOKS: Final = 10
 """One comes each 3 s for each topic."""
 _MOST_STRANGERS: Final = 20
@@ -61,8 +82,15 @@ class RosStage:
 
     def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[Values], None]) -> None:
         """Offer a robot's topics, services and parameters; `write` writes some of the model or raises `ModelError`."""
+        settings = structs.replace(settings, ros=settings.ros.in_namespace(node.get_namespace()))
         self._node = node
-        self._topics = make_topics(node, settings)
+        self._looks = self._doubles = 0
+        self._is_again, self._has_namesake = settings.is_again, False
+        self.strangers: list[str] = []
+        self._warnings: set[str] = set()
+        self._robot_name = settings.robot
+        self._log = RosLog(node)
+        self._topics = [*make_topics(node, settings), Topic(self._log.publisher, self._log.log_mode)]
         self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
         self.subscriptions: list[RosObject] = []
@@ -71,15 +99,19 @@ class RosStage:
         # Of what stations and players decide by; others may publish joint_states or diagnostics beside us.
         self._own_topics = tuple(node.resolve_topic_name(name) for name in _DECIDED_BY)
         self._doubled: Counter[str] = Counter()
+        self._describe(settings.description)
+        self._clock = make_clock(node) if settings.is_simulated else None
         own_services = [self._serve(each) for each in Action if settings.stand is not None or each not in POSTURES]
         self._parameters = ModelParameters(node, settings.parameters, write, own_services, is_again=settings.is_again)
         self.services = [*own_services, *self._parameters.services]
         self.overrides = self._parameters.overrides
+        if not settings.is_simulated and node.get_parameter(USE_SIM_TIME).value is True:
+            self.overrides[USE_SIM_TIME] = None  # refused by the loop, which then ends
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
-        self._looks = 0
-        self.strangers: list[str] = []
-        self._warnings: set[str] = set()
+        # The tools of ROS look there alone, whatever the namespace (REP-107).
+        self._prefix = f"{node.get_namespace()}/".lstrip("/")
+        self._all_diagnostics = node.create_publisher(kind, "/diagnostics", _COMMAND_DEPTH) if self._prefix else None
 
     def take_messages(self, ready: Collection[int]) -> Inbox:
         """What has arrived, but for parameter requests, where the handle is at one of these pointers."""
@@ -108,8 +140,24 @@ class RosStage:
             self._guarded(topic.publish, report)
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Publish a diagnostic_msgs/DiagnosticArray."""
-        self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
+        """Publish a diagnostic_msgs/DiagnosticArray, and in a namespace also on `/diagnostics`, with its name."""
+        name, prefix = self._robot_name, self._prefix
+        self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns, name))
+        if self._all_diagnostics is not None:
+            array = diagnostic_array(statuses, stamp_ns, f"{prefix}{name}", prefix)
+            self._guarded(self._all_diagnostics.publish, array)
+        for status in statuses:
+            if status.name.endswith(SETPOINTS_SUFFIX) and status.level is not Level.OK:
+                causes = [
+                    f"{key} {value}" for key, value in status.values.items() if key.startswith(("refused.", "cl"))
+                ]
+                text = f"set-points: {status.message} (in all {', '.join(causes)})"
+                self._guarded(self._log.write, status.level, text, stamp_ns)
+
+    def publish_clock(self, stamp_ns: int) -> None:
+        """Publish simulated time, ns since the Unix epoch."""
+        if self._clock is not None:
+            self._guarded(self._clock, stamp_ns)
 
     def serve_parameters(self, ready: Collection[int]) -> None:
         """Answer the parameter requests that have arrived where the handle is at one of these pointers."""
@@ -119,11 +167,32 @@ class RosStage:
     def do_background_work(self) -> None:
         """Look for publishers that never reach us, or that publish what is ours; another topic each time."""
         self._looks += 1
+        self._guarded(self._look_for_namesakes)
         looks = (
             *(partial(self._look_for_mismatches, each) for each in self._watched),
             *(partial(self._look_for_strangers, each) for each in self._own_topics),
         )
         self._guarded(looks[self._looks % len(looks)])
+
+    def _describe(self, urdf: str) -> None:
+        """Publish the robot's description, for whoever subscribes at any time."""
+        if urdf:
+            kind = message_type("std_msgs/msg/String")
+            self._description = self._node.create_publisher(kind, "robot_description", kept_for_latecomers())
+            self._guarded(self._description.publish, kind(data=urdf))
+
+    def _look_for_namesakes(self) -> None:
+        """Log at once that another robot has this one's name; `strangers` have it once it cannot be one that died."""
+        self._doubles = self._doubles + 1 if namesakes(self._node) else 0
+        if self._doubles < _NAMESAKE_LOOKS or self._is_again or self._has_namesake:
+            return
+        self._has_namesake = True
+        own = self._node.get_fully_qualified_name()
+        self._warn_once(
+            f"another {own} is in this ROS domain, and topics, services and commands of the two are mixed up (a run "
+            "that died is still seen for 20 s): "
+            "name each robot with --namespace /NAME, or give it another ROS_DOMAIN_ID"
+        )
 
     def _look_for_mismatches(self, subscription: RosObject) -> None:
         for text in mismatches(self._node, subscription):
@@ -131,6 +200,8 @@ class RosStage:
 
     def _look_for_strangers(self, topic: str) -> None:
         """Report each other publisher of a topic of ours once."""
+        for text in unreached(self._node, topic):
+            self._warn_once(text)
         others, doubles = strangers(self._node, topic)
         # One of our own name may be the process that we have replaced, which others see for 20 s.
         self._doubled[topic] = self._doubled[topic] + 1 if doubles else 0
@@ -153,6 +224,8 @@ class RosStage:
         if text not in self._warnings and len(self._warnings) < _WARNINGS_AT_MOST:
             self._warnings.add(text)
             _logger.warning(text)
+            with contextlib.suppress(Exception):  # where even that fails, the line above has been logged
+                self._log.write(Level.WARN, text)
 
     def _subscribe_inputs(self, settings: RosSettings) -> None:
         def take_twist(inbox: Inbox, message: RosObject) -> None:
@@ -160,7 +233,8 @@ class RosStage:
 
         def take_twist_stamped(inbox: Inbox, message: RosObject) -> None:
             setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
-            inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header)))
+            # A stamp of zero is none, as tools leave it: now.
+            inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header) or None))
 
         def take_value(place: int, inbox: Inbox, message: RosObject) -> None:
             inbox.values.append(SetValue(place, message.data))
@@ -176,8 +250,11 @@ class RosStage:
         def take_trajectory(inbox: Inbox, data: bytes) -> None:
             inbox.trajectories.append(read_trajectory(data, settings.ros.base_frame))
 
-        self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
-        self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
+        if settings.ros.cmd_vel == "Twist":
+            self._subscribe("cmd_vel", TWIST_TYPE, _COMMAND_DEPTH, take_twist)
+        else:
+            self._subscribe("cmd_vel", TWIST_STAMPED_TYPE, _COMMAND_DEPTH, take_twist_stamped)
+        self._subscribe("cmd_vel_stamped", TWIST_STAMPED_TYPE, AHEAD_DEPTH, take_twist_stamped)
         # One is taken at once, so that many of them delay nothing.
         self._subscribe(TRAJECTORY_TOPIC, TRAJECTORY_TYPE, _COMMAND_DEPTH, take_trajectory, at_once=1)
         for place, name in enumerate(settings.set_names):
@@ -221,6 +298,8 @@ class RosStage:
             def send(answer: Answer) -> None:
                 response = kind.Response(success=answer.accepted, message=answer.message)
                 self._guarded(service.handle.service_send_response, response, header.request_id)
+                if not answer.accepted:
+                    self._guarded(self._log.write, Level.WARN, f"{action} is refused: {answer.message}")
 
             inbox.requests.append(Request(action, send))
 
@@ -249,7 +328,9 @@ class ModelParameters:
         """Declare them on `node`, each with the value that it has now, or on the command line unless `is_again`.
 
         `write` writes some, all or none, or raises `ModelError`; `own_services` are served by somebody else.
+        `use_sim_time` stays what it is.
         """
+        self._is_simulated = node.get_parameter(USE_SIM_TIME).value
         self._write = write
         self._asked: set[str] = set()
         self._names: dict[str, Variable] = {}
@@ -318,6 +399,8 @@ class ModelParameters:
         double = importlib.import_module("rclpy").Parameter.Type.DOUBLE
         # What ROS itself declares is let pass.
         ours = [(self._names[p.name], p) for p in parameters if p.name in self._names]
+        if any(p.name == USE_SIM_TIME and p.value is not self._is_simulated for p in parameters):
+            return self._result_type(successful=False, reason=SIM_TIME if self._is_simulated else NO_SIM_TIME)
         for variable, parameter in ours:
             if parameter.type_ is not double:
                 return self._result_type(successful=False, reason=f"{variable.name} takes a floating-point number")

@@ -10,6 +10,7 @@ import pytest
 
 from segway_ecc.deploy.station.robot_messages import Health, ModeReport
 from segway_ecc.deploy.station.ros_bridge import RosRobotConnection
+from segway_ecc.node.cycle.setpoints import Setpoint
 
 pytestmark = pytest.mark.ros
 
@@ -74,3 +75,41 @@ def test_bytes_that_are_no_message_are_refused_and_counted(robot: Robot) -> None
     robot.put("mode", importlib.import_module("std_msgs.msg").Float64(data=1.0))
     assert robot.received() == []
     assert robot.connection.refused == 1
+
+
+class Publisher:
+    """Remembers what was published."""
+
+    def __init__(self, kind: type, topic: str) -> None:
+        self.msg_type, self.topic = kind, topic
+        self.sent: list[Any] = []
+        self.publish = self.sent.append
+
+    def get_subscription_count(self) -> int:
+        return 0
+
+
+@pytest.mark.parametrize("is_known_at_first", [True, False])
+@pytest.mark.parametrize("kind", ["Twist", "TwistStamped"])
+def test_a_robot_is_driven_by_the_type_that_it_takes(kind: str, *, is_known_at_first: bool) -> None:
+    made: list[Publisher] = []
+    takers = [SimpleNamespace(topic_type=f"geometry_msgs/msg/{kind}")]
+    node = MagicMock()
+
+    def create_publisher(of: type, topic: str, _depth: int) -> Publisher:
+        made.append(Publisher(of, topic))
+        return made[-1]
+
+    node.create_publisher = create_publisher
+    node.get_subscriptions_info_by_topic.return_value = takers if is_known_at_first else []
+    connection = RosRobotConnection(node, "/alice", "model")
+    node.get_subscriptions_info_by_topic.return_value = takers
+    connection.drive(Setpoint(0.5, -0.25))
+    drives = [each for each in made if each.topic == "/alice/cmd_vel"]
+    assert len(drives) == 1 + (kind == "TwistStamped" and not is_known_at_first)
+    (message,) = drives[-1].sent
+    assert type(message).__name__ == kind
+    twist = message.twist if kind == "TwistStamped" else message
+    assert (twist.linear.x, twist.angular.z) == (0.5, -0.25)
+    if kind == "TwistStamped":
+        assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 0), "now"

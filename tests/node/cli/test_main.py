@@ -61,7 +61,7 @@ def test_help_lists_a_dozen_verbs_by_section_each_with_an_example(segway_ecc: Ru
     assert outcome.code == 0
     verbs = [line.split()[0] for line in outcome.out.splitlines() if line.startswith("  ") and " segway-ecc " in line]
     assert verbs == [
-        *("run", "guard", "sequence", "demo", "play", "plant"),
+        *("run", "guard", "sequence", "demo", "play", "plant", "lock-step"),
         *("model", "design"),
         *("log", "station", "deploy"),
         *("case-study", "prove", "bench"),

@@ -198,6 +198,16 @@ def test_refused_set_points_are_counted_by_cause_and_warn_once(observed: Observe
     assert dict(status.values) == expected
 
 
+def test_set_points_that_were_clamped_are_counted_and_warn_once(observed: Observed, report: DiagnosticReport) -> None:
+    observed.schedule = schedule = SetpointSchedule(5, 3, 20, Setpoint(1.0, 1.0), clamps=True)
+    schedule.add(Setpoint(2.0, 0.0), 10, now=10)
+    schedule.add(Setpoint(0.5, -2.0), 10, now=10)
+    status = gather(report)["cart: set-points"]
+    assert (status.level, status.message) == (Level.WARN, "2 clamped to the limits since the last report")
+    assert status.values["clamped"] == "2"
+    assert gather(report)["cart: set-points"].level is Level.OK
+
+
 def test_hardware_status_has_health_and_warns_of_refused_frames_once(
     hardware: RecordingHardware, report: DiagnosticReport
 ) -> None:

@@ -144,3 +144,41 @@ def test_the_one_in_force_is_always_the_newest_of_those_whose_cycle_has_come(arr
         come = [(max(now, wanted), s) for now, wanted, s in good if now <= cycle and wanted <= cycle]
         assert schedule.due(cycle) == (max(come)[1] if come else REST)
     assert (schedule.applied, schedule.refused.total()) == (len(good), len(named) - len(good))
+
+
+LIMITS = Setpoint(1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "taken", "clamped"),
+    [
+        (Setpoint(1.0, -2.0), Setpoint(1.0, -2.0), 0),
+        (Setpoint(1.5, 0.5), Setpoint(1.0, 0.5), 1),
+        (Setpoint(-3.0, 9.0), Setpoint(-1.0, 2.0), 1),
+        (Setpoint(0.5, -2.1), Setpoint(0.5, -2.0), 1),
+    ],
+)
+def test_a_set_point_beyond_the_limits_is_clamped_where_that_is_set(
+    asked: Setpoint, taken: Setpoint, clamped: int
+) -> None:
+    schedule = SetpointSchedule(5, 3, 20, LIMITS, clamps=True)
+    assert schedule.add(asked, 4, now=4) is None
+    assert schedule.due(4) == taken
+    assert (schedule.clamped, schedule.refused) == (clamped, {})
+    refusing = SetpointSchedule(5, 3, 20, LIMITS)
+    assert (refusing.add(asked, 4, now=4) is SetpointRefusal.TOO_LARGE) == (asked != taken)
+    assert refusing.clamped == 0
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_refused_and_never_clamped(bad: float) -> None:
+    schedule = SetpointSchedule(5, 3, 20, LIMITS, clamps=True)
+    assert schedule.add(Setpoint(bad, 0.0), 4, now=4) is SetpointRefusal.NOT_FINITE
+    assert schedule.add(Setpoint(5.0, bad), 4, now=4) is SetpointRefusal.NOT_FINITE
+    assert (schedule.clamped, schedule.due(4)) == (0, REST)
+
+
+def test_one_that_is_refused_for_another_cause_is_not_counted_as_clamped() -> None:
+    schedule = SetpointSchedule(5, 3, 20, LIMITS, clamps=True)
+    assert schedule.add(Setpoint(5.0, 0.0), 0, now=10) is SetpointRefusal.STALE
+    assert schedule.clamped == 0

@@ -8,19 +8,29 @@ import json
 import sys
 import time
 from collections import defaultdict
+from pathlib import Path
 from typing import Any
 
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import Trigger
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # on PyPI there is none
+    TFMessage = type(None)
 
 OUT = {
     "position": Point,
@@ -32,8 +42,12 @@ OUT = {
     "diagnostics": DiagnosticArray,
     "mode": DiagnosticStatus,
     "setpoint": TwistStamped,
+    "clock": Clock,
+    "tf": TFMessage,
+    "rosout": Log,
 }
 ROS_OWN = (
+    "/rosout",
     "/parameter_events",
     "/get_type_description",
     "/describe_parameters",
@@ -53,13 +67,29 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
+def plain(message: Any) -> Any:  # noqa: C901, PLR0911 - one for each type
     """A message in plain values."""
     match message:
         case Point():
             return [message.x, message.y, message.z]
         case Float64():
             return message.data
+        case Clock():
+            return message.clock.sec * NS_PER_S + message.clock.nanosec
+        case TFMessage():
+            return [
+                {
+                    "stamp_ns": stamp_ns(each.header),
+                    "frames": [each.header.frame_id, each.child_frame_id],
+                    "x": each.transform.translation.x,
+                    "y": each.transform.translation.y,
+                    "z": each.transform.rotation.z,
+                    "w": each.transform.rotation.w,
+                }
+                for each in message.transforms
+            ]
+        case Log():
+            return {"level": message.level, "name": message.name, "text": message.msg}
         case Odometry():
             pose, twist = message.pose.pose, message.twist.twist
             return {
@@ -71,6 +101,7 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
                 "w": pose.orientation.w,
                 "linear": twist.linear.x,
                 "angular": twist.angular.z,
+                "variances": [message.pose.covariance[place] for place in (0, 7, 35)],
             }
         case JointState():
             return {
@@ -78,6 +109,7 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
                 "name": list(message.name),
                 "position": list(message.position),
                 "velocity": list(message.velocity),
+                "effort": list(message.effort),
             }
         case Imu():
             rate, force = message.angular_velocity, message.linear_acceleration
@@ -86,6 +118,7 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
                 "frame": message.header.frame_id,
                 "angular_velocity": [rate.x, rate.y, rate.z],
                 "linear_acceleration": [force.x, force.y, force.z],
+                "orientation": [getattr(message.orientation, part) for part in "xyzw"],
                 "orientation_covariance": list(message.orientation_covariance),
                 "other_covariances": [*message.angular_velocity_covariance, *message.linear_acceleration_covariance],
             }
@@ -100,7 +133,11 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
             return {**head, **{pair.key: pair.value for pair in message.values}}
         case DiagnosticArray():
             return {
-                status.name: {"level": ord(status.level), **{pair.key: pair.value for pair in status.values}}
+                status.name: {
+                    "level": ord(status.level),
+                    "hardware_id": status.hardware_id,
+                    **{pair.key: pair.value for pair in status.values},
+                }
                 for status in message.status
             }
 
@@ -142,6 +179,10 @@ class ForeignNode:
             for part, rows in found.items()
         }
 
+    def topics_of(self, node: str, namespace: str) -> Any:
+        """The topics that a node publishes."""
+        return [topic for topic, _ in self.node.get_publisher_names_and_types_by_node(node, namespace)]
+
     def wait_for(self, node: str, namespace: str) -> Any:
         """Wait until a node is seen."""
         return self._wait_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
@@ -158,6 +199,17 @@ class ForeignNode:
                 kind, topic, lambda message: self.received[topic].append(plain(message)), 1000
             )
         return True
+
+    def latched(self, topic: str) -> Any:
+        """The text that was published on a topic before we subscribed to it."""
+        found: list[Any] = []
+        profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        subscription = self.node.create_subscription(String, topic, found.append, profile)
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not found and time.monotonic() < deadline_s:
+            self.executor.spin_once(timeout_sec=LOOKS_EVERY_S)
+        self.node.destroy_subscription(subscription)
+        return [each.data for each in found]
 
     def receive(self, topic: str) -> Any:
         """All that came on a topic since it was last asked for, waiting for one where there is none."""
@@ -192,6 +244,15 @@ class ForeignNode:
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         profile = QoSProfile(depth=10, reliability=reliability)
         self.publishers[topic, f"{kind} {best_effort}"] = self.node.create_publisher(KINDS[kind], topic, profile)
+        return True
+
+    def subscribe_transient_local(self, topic: str) -> Any:
+        """Subscribe to a topic with a durability that only few publishers offer."""
+        profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        kind = OUT[topic.rpartition("/")[2]]
+        self.subscriptions[f"{topic} transient local"] = self.node.create_subscription(
+            kind, topic, lambda _: None, profile
+        )
         return True
 
     def publish_number(self, topic: str, value: float) -> Any:
@@ -232,6 +293,29 @@ class ForeignNode:
         parameters = [Parameter(name, value=value).to_parameter_msg()]
         answer = self._ask(SetParameters, f"{node}/set_parameters", SetParameters.Request(parameters=parameters))
         return [answer.results[0].successful, answer.results[0].reason]
+
+    def dump_parameters(self, node: str, path: str) -> Any:
+        """What `ros2 param dump` does: write all parameters of a node into a file, and return them."""
+        client = self._parameters(node)
+        names = list(self._result(client.list_parameters()).result.names)
+        values = [parameter_value_to_python(value) for value in self._result(client.get_parameters(names)).values]
+        found = dict(zip(names, values, strict=True))
+        Path(path).write_text(yaml.safe_dump({node: {"ros__parameters": found}}), "utf-8")
+        return found
+
+    def load_parameters(self, node: str, path: str) -> Any:
+        """What `ros2 param load` does: set all that a file has for a node; why not, of each that is refused."""
+        results = self._result(self._parameters(node).load_parameter_file(path)).results
+        return [result.reason for result in results if not result.successful]
+
+    def _parameters(self, node: str) -> Any:
+        client = AsyncParameterClient(self.node, node)
+        client.wait_for_services(PATIENCE_S)
+        return client
+
+    def _result(self, future: Any) -> Any:
+        self.executor.spin_until_future_complete(future, PATIENCE_S)
+        return future.result()
 
     def _ask(self, kind: Any, service: str, request: Any, within_s: float = PATIENCE_S) -> Any:
         client = self.node.create_client(kind, service)

@@ -37,6 +37,15 @@ def test_mode_in_diagnostics_that_is_not_of_a_robot_changes_nothing(values: dict
     assert (commander.mode, commander.reason) == (Mode.ARMED, "asked to arm")
 
 
+def test_mode_of_a_robot_in_another_namespace_changes_nothing() -> None:
+    node = MagicMock()
+    commander = Commander(node, MagicMock(), "model", lambda: None)
+    receive = callbacks(node)
+    receive["diagnostics"](diagnostics(1, "alice: mode", mode="ARMED", reason="asked to arm"))
+    receive["diagnostics"](diagnostics(2, "robot1/alice: mode", mode="FAULT", reason="stop was pressed"))
+    assert (commander.mode, commander.reason) == (Mode.ARMED, "asked to arm")
+
+
 def test_an_answer_of_one_of_two_robots_ends_with_their_number() -> None:
     node, executor = MagicMock(), MagicMock()
     node.count_publishers.return_value = 2

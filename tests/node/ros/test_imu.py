@@ -9,6 +9,11 @@ from typing import Any
 
 import pytest
 
+from segway_ecc.firmware_io.clock import RealClock
+from segway_ecc.node.config import decode_robot, read_text
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.robot import build_robot
+
 pytestmark = pytest.mark.ros
 
 Ask = Callable[..., Any]
@@ -57,11 +62,19 @@ def robot(start: Start, foreign: Ask, tmp_path: Path) -> None:
 def test_an_imu_is_received_by_a_foreign_node(foreign: Ask) -> None:
     received = foreign("receive", topic="/imu/data")
     assert received, "nothing comes on /imu/data"
-    assert {**received[-1], "stamp_ns": 0} == {
+    covariances = [round(value, 9) for value in received[-1]["other_covariances"]]
+    assert {**received[-1], "stamp_ns": 0, "other_covariances": covariances} == {
         "stamp_ns": 0,
         "frame": "imu_link",
         "angular_velocity": [0.25, -0.5, 0.75],
         "linear_acceleration": [1.0, -2.0, 9.5],
         "orientation_covariance": [-1.0] + [0.0] * 8,
-        "other_covariances": [0.0] * 18,
+        "orientation": [0.0, 0.0, 0.0, 1.0],
+        "other_covariances": [1e-4, 0, 0, 0, 1e-4, 0, 0, 0, 1e-4, 0.04, 0, 0, 0, 0.04, 0, 0, 0, 0.04],
     }
+
+
+def test_a_pitch_that_is_published_nowhere_is_refused() -> None:
+    text = read_text("cart").replace("ros: {odometry_depth: 1000}", "ros: {pitch: lean}")
+    with pytest.raises(ConfigurationError, match=r"^ros\.pitch: nothing is wired to topic\.lean$"):
+        build_robot(decode_robot(text, "cart"), RealClock())

@@ -133,7 +133,8 @@ class WaitSet(Stage):
 process.ros_node, process.RosStage, process.WaitSet = ros_node, Stage, WaitSet
 ros = types.SimpleNamespace(node_name="model")
 settings = types.SimpleNamespace(
-    inboxes=open_ring(4), reports=open_ring(4), period_ns=10**7, ros=ros, namespace="", ros_arguments=()
+    inboxes=open_ring(4), reports=open_ring(4), period_ns=10**7, ros=ros, namespace="", ros_arguments=(),
+    is_simulated=False,
 )
 process.run_ros(settings, 0)
 """

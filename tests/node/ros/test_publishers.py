@@ -64,7 +64,66 @@ def test_an_imu_carries_rate_and_specific_force_and_marks_orientation_unknown() 
     assert [getattr(imu.angular_velocity, axis) for axis in "xyz"] == [2.0, 3.0, 4.0]
     assert [getattr(imu.linear_acceleration, axis) for axis in "xyz"] == [5.0, 6.0, 7.0]
     assert list(imu.orientation_covariance) == [-1.0] + [0.0] * 8
-    assert list(imu.angular_velocity_covariance) == list(imu.linear_acceleration_covariance) == [0.0] * 9
+    assert list(imu.angular_velocity_covariance) == pytest.approx([1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4])
+    assert list(imu.linear_acceleration_covariance) == pytest.approx([0.04, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.04])
+
+
+ODOMETRY = [signal for signal in PUBLISHED if signal.startswith("odometry.")]
+
+
+def with_attitude(pitch: float, heading: float) -> Any:
+    """The message of an IMU that is turned so, rad."""
+    node, signals = Node(), [*ODOMETRY, *IMU]
+    for topic in make_publishers(node, RosSection(), signals, pitch=1):
+        values = [0.0, 0.0, heading, 0.0, 0.0, *[1.0] * 6]
+        topic.publish(replace(report(STAMP_NS, values), topics=(9.0, pitch)))
+    return node.sent["imu/data"]
+
+
+def test_an_imu_whose_pitch_is_estimated_has_an_orientation() -> None:
+    imu = with_attitude(0.3, -0.8)
+    q = imu.orientation
+    assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0)
+    # Where its x axis points: down by the pitch, and around by the heading.
+    ahead = 1.0 - 2.0 * (q.y**2 + q.z**2), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)
+    assert ahead == pytest.approx((math.cos(0.3) * math.cos(-0.8), math.cos(0.3) * math.sin(-0.8), -math.sin(0.3)))
+    # Its y axis stays level.
+    assert 2.0 * (q.y * q.z + q.w * q.x) == pytest.approx(0.0)
+    variances = [imu.orientation_covariance[place] for place in (0, 4, 8)]
+    assert variances == pytest.approx([0.01, 4e-4, 1e-6])
+
+
+def test_an_attitude_that_is_not_finite_is_marked_unknown() -> None:
+    for imu in (with_attitude(math.nan, 0.0), with_attitude(0.0, math.inf)):
+        assert imu.orientation_covariance[0] == -1.0
+        assert imu.angular_velocity.x == 1.0
+
+
+@pytest.mark.parametrize("bad", ODOMETRY)
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_odometry_that_is_not_finite_is_not_published(bad: str, value: float) -> None:
+    node = Node()
+    for topic in make_publishers(node, RosSection(), ODOMETRY):
+        topic.publish(report(STAMP_NS, [value if signal == bad else 1.0 for signal in ODOMETRY]))
+    assert "odom" not in node.sent
+    assert ("position" in node.sent) == (bad not in ("odometry.x", "odometry.y"))
+    assert ("linear_velocity" in node.sent) == (bad != "odometry.linear_velocity")
+
+
+def test_odometry_has_the_covariance_of_what_was_driven() -> None:
+    node = Node()
+    topics = make_publishers(node, RosSection(), ODOMETRY)
+    for cycle in range(101):
+        for topic in topics:
+            topic.publish(report(STAMP_NS + cycle * 10_000_000, [0.01 * cycle, 0.0, 0.0, 1.0, 0.0]))
+    odom = node.sent["odom"]
+    pose, twist = list(odom.pose.covariance), list(odom.twist.covariance)
+    assert [pose[place] for place in (0, 7, 35)] == pytest.approx([1e-4, 1.33e-4, 1e-4], rel=0.02)
+    assert pose[6 * 1 + 5] == pose[6 * 5 + 1] > 0.0
+    assert [pose[place] for place in (14, 21, 28)] == [twist[place] for place in (14, 21, 28)] == [1e6] * 3
+    assert [twist[place] for place in (0, 7, 35)] == pytest.approx([9e-4, 1e-4, 1e-4])
+    assert sum(value != 0.0 for value in pose) == 8
+    assert sum(value != 0.0 for value in twist) == 6
 
 
 @pytest.mark.parametrize("missing", IMU)

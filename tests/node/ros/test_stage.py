@@ -52,7 +52,7 @@ class Graph:
 
     def _create_publisher(self, _kind: type, topic: str, _depth: int) -> SimpleNamespace:
         return SimpleNamespace(
-            publish=lambda _: self._published.append(topic),
+            publish=lambda _: self._published.extend([topic] if topic != "/rosout" else ()),
             get_subscription_count=lambda: int(topic in self.subscribers),
         )
 

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""A simulated robot in ROS, on simulated time."""
