@@ -14,8 +14,17 @@ def require_station() -> None:
         ConfigurationError: What serves it is not installed.
         RosUnavailableError: ROS is missing.
     """
+    require_web()
+    require_ros()
+
+
+def require_web() -> None:
+    """Make sure that pages can be served.
+
+    Raises:
+        ConfigurationError: What serves them is not installed.
+    """
     if importlib.util.find_spec("aiohttp") is None:
         raise ConfigurationError(
             "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
         )
-    require_ros()

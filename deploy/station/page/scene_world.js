@@ -69,6 +69,13 @@ export class World {
     if (points.length > TRAIL_POINTS) points.shift();
   }
 
+  /** A robot came this way, and no other. */
+  retrace(name, points) {
+    const [old, newest] = [this._trails.get(name), points.at(-1)];
+    const isSame = old?.length === points.length && old[0]?.[0] === points[0]?.[0] && old.at(-1)?.[0] === newest?.[0];
+    if (!isSame) this._trails.set(name, points);
+  }
+
   /** Take the size of the canvas, at a share of this screen's dots. */
   fit(share) {
     const { clientWidth: width, clientHeight: height } = this._canvas;
@@ -100,7 +107,7 @@ export class World {
     const { x, y, heading, pitch } = this._pose;
     const ghost = this._ghost.root.visible ? [...this._ghost.root.position, this._ghost.root.rotation.z] : [];
     const seen = [x, y, heading, pitch, ...ghost, view.azimuth, view.elevation, view.distance].map((value) => value.toFixed(3));
-    const key = [...seen, view.isTop, this._size, this._name, this._drawnCount, this._theme].join(" ");
+    const key = [...seen, view.isTop, this._size, this._name, this._drawnTrails, this._theme].join(" ");
     if (key === this._rendered) return false;
     this._rendered = key;
     this._look(view);
@@ -157,6 +164,7 @@ export class World {
     const points = this._trails.get(name) ?? [];
     if (this._drawn === points && this._drawnCount === points.length && points.length < TRAIL_POINTS) return;
     [this._drawn, this._drawnCount] = [points, points.length];
+    this._drawnTrails = (this._drawnTrails ?? 0) + 1;
     this._trail.geometry.dispose();
     this._trail.geometry = geometryOf(points.flatMap(([x, y]) => [x, y, 0.003]));
   }
