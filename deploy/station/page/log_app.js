@@ -50,6 +50,7 @@ function draw() {
     panels.bar.draw(moment(t));
     return;
   }
+  robot.posture = panels.state.postureAt(robot, t);
   shown = { robot, isLive: robot.is_alive };
   document.body.dataset.cycle = String(robot.cycle);
   panels.bar.draw(panels.state.draw(robot, { view, t }));

@@ -5,6 +5,7 @@ import { attribute, byId, make, text, visible } from "./dom.js";
 import { DASH, degrees, figure } from "./format.js";
 import { placeAt } from "./log_source.js";
 import { stateOf } from "./state.js";
+import { tiltLimits } from "./tilt_limits.js";
 
 const SAME_S = 5e-7;
 
@@ -24,6 +25,7 @@ const FIGURES = [
   ["Cycle", (r) => (r.cycle === null ? DASH : String(r.cycle))],
   ["Clock", (r, { view, t }) => clockAt(view, t)],
   ["Tilt, \u00b0", (r) => figure(degrees(r.pitch), 1)],
+  ["To limit, \u00b0", (r) => figure(degrees(tiltLimits(r)?.left), 1)],
   ["Speed, m/s", (r) => figure(r.linear_velocity, 2)],
   ["Turn, rad/s", (r) => figure(r.angular_velocity, 2)],
   ["Set-point, m/s", (r) => figure(r.linear_setpoint, 2)],
@@ -51,11 +53,15 @@ export class StatePanel {
     return this._steps[kind][placeAt(this._times[kind], t + SAME_S)] ?? null;
   }
 
+  /** What a robot that balances was doing; empty for any other. */
+  postureAt(robot, t) {
+    return robot.can_stand ? this.last("posture", t)?.name ?? "" : "";
+  }
+
   draw(robot, context) {
     const posture = this.last("posture", context.t);
     const mode = this.last("mode", context.t);
-    const shown = { ...robot, posture: robot.can_stand ? posture?.name ?? "" : "", is_alive: true };
-    const { headline, mode: word, kind } = stateOf(shown);
+    const { headline, mode: word, kind } = stateOf({ ...robot, is_alive: true });
     text(byId("headline"), headline ?? "");
     visible(byId("headline"), Boolean(headline));
     text(byId("mode"), word);

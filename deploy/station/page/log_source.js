@@ -75,8 +75,9 @@ export class LogSource {
     const isMissing = place >= 0 && rows.cycle[place] === null;
     while (place >= 0 && rows.cycle[place] === null) place -= 1; // within a gap
     if (place < 0) return null;
-    const robot = { robot: this.view.robot, is_alive: !isMissing, can_stand: this.view.is_balancing };
-    for (const [name, column] of Object.entries(rows)) if (Array.isArray(column)) robot[name] = column[place];
+    const { robot: name, is_balancing: canStand, tilt_limit_rad: tiltLimit, down_rad: down } = this.view;
+    const robot = { robot: name, is_alive: !isMissing, can_stand: canStand, tilt_limit_rad: tiltLimit, down_rad: down };
+    for (const [key, column] of Object.entries(rows)) if (Array.isArray(column)) robot[key] = column[place];
     return { ...robot, mode: this.view.modes[robot.mode] ?? "" };
   }
 

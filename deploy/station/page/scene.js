@@ -70,6 +70,7 @@ export class Scene {
     if (ms - this._lastMs < PICTURE_MS || robot === null || robot.x === null || byId("scene-panel").hidden) return;
     this._world.fit(this._share);
     this._world.show(robot, { ms, isLive, aheadS: FAR_AHEAD_S });
+    for (const [name, value] of Object.entries(this._world.described)) attribute(this._canvas, `data-${name}`, value);
     if (this._world.render(this._view)) this._measure(ms - this._lastMs);
     else this._apart = [];
     this._lastMs = ms;
