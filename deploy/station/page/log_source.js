@@ -19,6 +19,12 @@ export function placeAt(times, t) {
   return low - 1;
 }
 
+/** When the cycle of a moment began, s; in a gap, the moment. */
+function startOfCycle({ time_s: times, cycle }, t) {
+  const place = placeAt(times, t + SLIGHTLY_S);
+  return place >= 0 && cycle[place] !== null ? times[place] : t;
+}
+
 async function request(path) {
   let response = await fetch(path, { cache: "no-store" });
   while (response.status === BUSY || response.status === 429) {
@@ -81,15 +87,16 @@ export class LogSource {
     return { ...robot, mode: this.view.modes[robot.mode] ?? "" };
   }
 
-  /** When the next cycle started, or the one before, s; of the last one itself. */
+  /** When the next cycle started, or the one before that of a moment, s; of the last one itself. */
   async cycleBeside(t, direction) {
     const { duration_s: end, piece_s: length } = this.view;
-    const last = Math.floor(end / length);
-    for (let number = Math.floor(Math.min(t, end) / length); number >= 0 && number <= last; number += direction) {
+    const [here, last] = [Math.floor(Math.min(t, end) / length), Math.floor(end / length)];
+    const from = direction > 0 ? t : startOfCycle((await this._load(here)).rows, t);
+    for (let number = here; number >= 0 && number <= last; number += direction) {
       const { time_s: times, cycle } = (await this._load(number)).rows;
-      let place = direction > 0 ? placeAt(times, t + SLIGHTLY_S) + 1 : placeAt(times, t - SLIGHTLY_S);
+      let place = direction > 0 ? placeAt(times, from + SLIGHTLY_S) + 1 : placeAt(times, from - SLIGHTLY_S);
       while (place >= 0 && place < times.length && cycle[place] === null) place += direction;
-      if (place >= 0 && place < times.length && (times[place] - t) * direction > SLIGHTLY_S) return times[place];
+      if (place >= 0 && place < times.length) return times[place];
     }
     return direction > 0 ? end : 0;
   }

@@ -104,6 +104,16 @@ def test_steps_go_from_one_piece_of_the_log_to_the_next(log: "Page", address: st
     at_cycle(log, 1999)
 
 
+def test_step_back_from_within_a_cycle_is_to_the_one_before(log: "Page") -> None:
+    log.fill("#moment", "7.0031")
+    at_cycle(log, 1400)
+    log.keyboard.press("ArrowLeft")
+    at_cycle(log, 1399)
+    log.fill("#moment", "7.0031")
+    log.keyboard.press("ArrowRight")
+    at_cycle(log, 1401)
+
+
 def test_keys_on_the_bar_step_by_cycles_too(log: "Page") -> None:
     log.focus("#moment")
     log.keyboard.press("ArrowRight")
