@@ -16,6 +16,7 @@ from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.posture import stand_place
+from segway_ecc.node.cycle.report import tilt_limits_of
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
 from segway_ecc.node.cycle.timing import TimeBase
 from segway_ecc.node.cycle.trajectory import TrajectoryFollower
@@ -90,6 +91,7 @@ class Robot:
             stage=stage,
             period_ns=self.period_ns,
             robot_name=self.file.name,
+            tilt_limits=tilt_limits_of(self.file.safety),
         )
 
 

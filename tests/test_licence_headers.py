@@ -12,7 +12,7 @@ HEADER = "SPDX-License-Identifier: MIT"
 FORMS = {".py": f"# {HEADER}", ".sh": f"# {HEADER}", ".js": f"// {HEADER}"} | dict.fromkeys(
     (".c", ".h"), f"/* {HEADER} */"
 )
-NOT_OURS = ("deploy/station/page/vendor/", "hil/bench/controller/", "node/models/cart_submodel/")
+NOT_OURS = ("deploy/station/page/vendor/", "tests/vendor/", "hil/bench/controller/", "node/models/cart_submodel/")
 """What others wrote, and what 20-sim generated."""
 ALSO = (".ci/run", "deploy/image/files/init", "deploy/image/files/segway-ecc-configure")
 

@@ -182,6 +182,8 @@ class Robot:
             checklist=health.checklist,
             links=health.links,
             timing=health.timing,
+            tilt_limit_rad=health.tilt_limit_rad,
+            down_rad=health.down_rad,
             can_stand=mode.can_stand,
             posture=mode.posture or "",
         )

@@ -14,15 +14,15 @@ def require_station() -> None:
         ConfigurationError: What serves it is not installed.
         RosUnavailableError: ROS is missing.
     """
-    require_page()
+    require_web()
     require_ros()
 
 
-def require_page() -> None:
-    """Make sure that the page can be served.
+def require_web() -> None:
+    """Make sure that pages can be served.
 
     Raises:
-        ConfigurationError: What serves it is not installed.
+        ConfigurationError: What serves them is not installed.
     """
     if importlib.util.find_spec("aiohttp") is None:
         raise ConfigurationError(

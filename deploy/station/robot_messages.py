@@ -93,6 +93,8 @@ class Health:
     checklist: Mapping[str, str]
     links: Mapping[str, Mapping[str, str]]
     timing: Mapping[str, str]
+    tilt_limit_rad: float | None = None
+    down_rad: float | None = None
 
 
 RobotMessage: TypeAlias = ModeReport | Odometry | SetpointReport | TrajectoryStatus | Pitch | Supply | Health
@@ -125,17 +127,19 @@ def decode_health(statuses: Iterable[tuple[str, Mapping[str, str]]]) -> Health:
     checklist: dict[str, str] = {}
     links: dict[str, dict[str, str]] = {}
     timing: dict[str, str] = {}
+    limits: dict[str, float | None] = {}
     for name, values in statuses:
         bounded = {shortened(key): shortened(text) for key, text in list(values.items())[:_MOST_VALUES]}
         match name.rpartition(": ")[2]:
             case "mode":
                 checks = {key.removeprefix(_CHECK): text for key, text in bounded.items() if key.startswith(_CHECK)}
                 checklist = {check: "ok" if text.startswith(_OK) else text for check, text in checks.items()}
+                limits = {limit: _positive(bounded.get(limit, "")) for limit in ("tilt_limit_rad", "down_rad")}
             case "timing":
                 timing = bounded
             case "hardware":
                 links = _links(bounded)
-    return Health(checklist, links, timing)
+    return Health(checklist, links, timing, **limits)
 
 
 def finite(value: float) -> float | None:
@@ -157,6 +161,11 @@ def _links(values: Mapping[str, str]) -> dict[str, dict[str, str]]:
             if (link or "link") in links or len(links) < _MOST_LINKS:
                 links.setdefault(link or "link", {})[what] = text
     return links
+
+
+def _positive(text: str) -> float | None:
+    number = _number(text)
+    return number if number is not None and number > 0.0 else None
 
 
 def _number(text: str) -> float | None:

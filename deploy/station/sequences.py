@@ -2,9 +2,11 @@
 """Has one robot play a sequence, as one trajectory. Pure: time is given."""
 
 import enum
+from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.deploy.station.control import fitted
+from segway_ecc.deploy.station.planned_path import planned_path
 from segway_ecc.deploy.station.requests import WITHIN_NS, Reply, RobotConnection
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -57,6 +59,8 @@ class SequencePlayback:
 
     def __init__(self, manoeuvre: Manoeuvre, name: str, reply: Reply, now_ns: int) -> None:
         self._player = Player(manoeuvre)
+        self._manoeuvre = manoeuvre
+        self._path: Sequence[tuple[float, float]] = ()
         self._name = name[:_LONGEST_NAME] or "sequence"
         self._reply: Reply | None = reply
         self._state = _State.WAITING
@@ -81,6 +85,7 @@ class SequencePlayback:
             fraction=self._player.fraction,
             state=self._state.value,
             reason=self._reason + self._unconfirmed,
+            path=() if self.is_over else self._path,
         )
 
     @property
@@ -119,6 +124,8 @@ class SequencePlayback:
             return
         if odometry is not None:
             self._player.latest_ns = odometry.stamp_ns
+            if self._state is _State.RUNNING and not self._path:
+                self._path = planned_path(self._manoeuvre, odometry)
         if self._player.state is PlayState.DONE:
             self._end(_State.DONE, "")
         elif self._state is _State.WAITING and odometry is not None and now_ns >= self._again_ns:

@@ -41,12 +41,14 @@ class SequenceView(msgspec.Struct, frozen=True, kw_only=True):
         fraction: How much of it has passed, 0 to 1.
         state: `waiting`, `running`, `done`, `broken off`, `failed`.
         reason: Why it ended, where it did not end by itself.
+        path: Where it leads from where it began, x and y, m; empty before it begins and after it ended.
     """
 
     name: str
     fraction: float
     state: str
     reason: str = ""
+    path: Sequence[tuple[float, float]] = ()
 
 
 class RobotView(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,6 +80,8 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
         timing: Rate, deadlines and percentiles of the phases, as in its diagnostics.
         controller: Who commands it from this station, or empty.
         posture: What a robot that stands up and sits down by command is doing; empty for any other.
+        tilt_limit_rad: Beyond that tilt from upright its safety takes the torque away, rad.
+        down_rad: Beyond that tilt a robot that balances counts as fallen, after a while, rad.
     """
 
     robot: str
@@ -108,6 +112,8 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
     sequence: SequenceView | None = None
     can_stand: bool = False
     posture: str = ""
+    tilt_limit_rad: float | None = None
+    down_rad: float | None = None
 
 
 class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="fleet"):

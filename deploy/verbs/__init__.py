@@ -9,6 +9,7 @@ _ROWS: Final = (
     ("station", "serve", "the base station", Section.OPERATION),
     ("deploy", "push HOST", "versions on a robot, images, and checks of machine and robot file", Section.OPERATION),
     ("log bundle", "", "what a maintainer needs to find a fault, in one zip", "support-bundle"),
+    ("log view", "run.mcap", "plays a log in the browser: scene, plots and events of each moment", ""),
     ("log archive", "segway", "serve a robot's logs and support bundles over ROS 2", "archive"),
     ("station serve", "", "a page in the browser that shows and commands every robot on the ROS network", "supervise"),
     ("station status", "", "the robots on the ROS network and the state of each", "status"),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient
-from segway_ecc.deploy.station.requirements import require_page
+from segway_ecc.deploy.station.requirements import require_web
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.site_address import bind, site_address_of, url
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     """Show the robot until Ctrl-C."""
     if not 0 <= options.port <= _LARGEST_PORT:
         raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
-    require_page()
+    require_web()
     if options.ros:
         require_ros()
     file = load_robot(options.robot)

@@ -13,7 +13,7 @@ from typing import Final
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Stage
-from segway_ecc.node.cycle.report import DiagnosticReport, state_text
+from segway_ecc.node.cycle.report import NO_TILT_LIMITS, DiagnosticReport, TiltLimits, state_text
 from segway_ecc.node.cycle.service import NotifySocket, Service
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.timing import LoopCounters, Summary
@@ -72,7 +72,16 @@ class Loop:
         service: Reports readiness and the watchdog's keep-alive to the service manager; at first to nobody.
     """
 
-    def __init__(self, *, cycle: Cycle, clock: Clock, stage: Stage, period_ns: int, robot_name: str) -> None:
+    def __init__(  # noqa: PLR0913 - what a loop is made of, once
+        self,
+        *,
+        cycle: Cycle,
+        clock: Clock,
+        stage: Stage,
+        period_ns: int,
+        robot_name: str,
+        tilt_limits: TiltLimits = NO_TILT_LIMITS,
+    ) -> None:
         self.counters = LoopCounters()
         self.stop_reason: str | None = None
         self.sits_down_first = False
@@ -86,7 +95,7 @@ class Loop:
         self._robot_name = robot_name
         self._late_ns = round(_LATE_FRACTION * period_ns)
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
-        self._diagnostics = DiagnosticReport(cycle, self.counters, period_ns, robot_name)
+        self._diagnostics = DiagnosticReport(cycle, self.counters, period_ns, robot_name, tilt_limits)
         self._deliveries: deque[Callable[[], None]] = deque()
         self._collect_due = self._state_due = False
         self._state_ns = 0

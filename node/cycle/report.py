@@ -3,7 +3,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
@@ -15,16 +15,43 @@ from segway_ecc.node.safety.deviations import CAUSES, UNITS
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.safety.residual import ResidualMonitor
+from segway_ecc.node.safety.settings import SafetySettings
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
 
 MODE_SUFFIX: Final = ": mode"
+"""End of the name of the status of the mode; its values: `mode`, `reason`, `posture` where the robot has one, a
+`check.<name>` per pre-arm check, and those of `TiltLimits` that the robot has."""
 SETPOINTS_SUFFIX: Final = ": set-points"
-"""End of the name of the status of the mode; its values: `mode`, `reason`, `posture` where the robot has one, and a
-`check.<name>` per pre-arm check."""
 _DONE: Final = object()
 _LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
+
+
+class TiltLimits(NamedTuple):
+    """How far the robot may lean, by its file.
+
+    Attributes:
+        tilt_limit_rad: Beyond that tilt from upright the torque is taken away at once, rad; None for any.
+        down_rad: Beyond that tilt a robot that balances counts as fallen, after a while, rad; None without posture.
+    """
+
+    tilt_limit_rad: float | None = None
+    down_rad: float | None = None
+
+    def as_values(self) -> dict[str, str]:
+        """Those that there are, by their names."""
+        return {name: f"{limit:g}" for name, limit in zip(self._fields, self, strict=True) if limit is not None}
+
+
+NO_TILT_LIMITS: Final = TiltLimits()
+
+
+def tilt_limits_of(safety: SafetySettings | None) -> TiltLimits:
+    """The limits that a robot file has."""
+    if safety is None:
+        return NO_TILT_LIMITS
+    return TiltLimits(safety.tilt_limit_rad, None if safety.posture is None else safety.posture.down_rad)
 
 
 def state_text(mode: str, posture: str | None) -> str:
@@ -58,12 +85,20 @@ class Observed(Protocol):
 class DiagnosticReport:
     """Gathers one histogram per call of `work`, then one status; `statuses` is the newest complete set."""
 
-    def __init__(self, cycle: Observed, counters: LoopCounters, period_ns: int, robot_name: str) -> None:
+    def __init__(
+        self,
+        cycle: Observed,
+        counters: LoopCounters,
+        period_ns: int,
+        robot_name: str,
+        tilt_limits: TiltLimits = NO_TILT_LIMITS,
+    ) -> None:
         self.statuses: Sequence[DiagnosticStatus] = ()
         self._cycle = cycle
         self._counters = counters
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
+        self._tilt_limits = tilt_limits.as_values()
         self._summaries: dict[str, Summary] = {}
         self._work: Iterator[None] | None = None
         self._old_counts: dict[str, int] = {}
@@ -93,6 +128,7 @@ class DiagnosticReport:
         values = {"mode": str(modes.mode), "reason": modes.reason}
         values |= {} if posture is None else {"posture": str(posture)}
         values |= {f"check.{check.name}": str(check) for check in arming.checklist()}
+        values |= self._tilt_limits
         level, message = MODE_LEVELS.get(modes.mode, Level.OK), f"{state_text(modes.mode, posture)}: {modes.reason}"
         mode = DiagnosticStatus(level, f"{self._robot_name}{MODE_SUFFIX}", message, values)
         yield

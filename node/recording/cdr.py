@@ -256,6 +256,30 @@ def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Sequence[Diagnostic
     return _ENCAPSULATION + body
 
 
+def read_diagnostic_array(data: bytes) -> tuple[int, list[tuple[str, dict[str, str]]]]:
+    """The stamp, ns, and of each status its name and values, from the bytes that `diagnostic_array` returned.
+
+    Raises:
+        RecordingError: They are not such bytes.
+    """
+    try:
+        seconds, rest_ns = _STAMP.unpack_from(data, len(_ENCAPSULATION))
+        position, found = _skip_text(data, _STAMP.size), []
+        count, position = _take_count(data, position)
+        for _ in range(count):
+            name, position = _take_text(data, position + 1)  # behind the level
+            position = _skip_text(data, _skip_text(data, position))
+            values: dict[str, str] = {}
+            many, position = _take_count(data, position)
+            for _ in range(many):
+                key, position = _take_text(data, position)
+                values[key], position = _take_text(data, position)
+            found.append((name, values))
+    except (struct.error, UnicodeDecodeError) as error:
+        raise RecordingError(f"a message of diagnostics is damaged: {error}") from error
+    return seconds * _NS_PER_S + rest_ns, found
+
+
 def cycle_events(stamp_ns: int, cycle: int, texts: Sequence[str]) -> bytes:
     """Returns a segway_ecc/CycleEvents: time in ns, the number of the cycle, and what happened in it."""
     body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))
@@ -346,6 +370,23 @@ def _put_text(body: bytearray, text: str) -> None:
     _put_count(body, len(encoded) + 1)
     body += encoded
     body.append(0)
+
+
+def _take_count(data: bytes, position: int) -> tuple[int, int]:
+    """A count at a position behind the encapsulation, and where it ends."""
+    position += -position % 4
+    return _COUNT.unpack_from(data, len(_ENCAPSULATION) + position)[0], position + _COUNT.size
+
+
+def _skip_text(data: bytes, position: int) -> int:
+    length, position = _take_count(data, position)
+    return position + length
+
+
+def _take_text(data: bytes, position: int) -> tuple[str, int]:
+    length, position = _take_count(data, position)
+    begin = len(_ENCAPSULATION) + position
+    return data[begin : begin + length - 1].decode(), position + length
 
 
 def definition(lines: Sequence[str], parts: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:

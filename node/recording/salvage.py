@@ -11,7 +11,7 @@ import mmap
 import re
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -45,6 +45,9 @@ _DAMAGE = (
     McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError, MemoryError
 )  # fmt: skip
 _HEAD: Final = struct.Struct("<BQ")
+_CHANNEL_ID: Final = struct.Struct("<H")
+_MESSAGE_HEAD: Final = 22
+"""Of a message: its topic's number, its own, and two times, bytes."""
 _ANY_HEAD: Final = re.compile(rb"[\x01-\x0f].{4}\x00{4}", re.DOTALL)
 """An opcode and a length below 4 GiB."""
 _SHAPES: Final[Mapping[int, tuple[int, ...]]] = {
@@ -83,8 +86,8 @@ class Salvage:
         counts: How many messages each topic had, where the summary is whole; else empty.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Find all that is whole.
+    def __init__(self, path: Path, descriptor: int | None = None) -> None:
+        """Find all that is whole; in the open file of `descriptor`, which stays the caller's, where one is given.
 
         Raises:
             RecordingError: The file cannot be read.
@@ -99,10 +102,10 @@ class Salvage:
         self._schemas: dict[int, Schema] = {}
         self._wanted: dict[str, int] = {}
         self._chunks: list[tuple[int, int]] = []
-        if path.exists() and not path.is_file():  # a pipe would be waited for
+        if descriptor is None and path.exists() and not path.is_file():  # a pipe would be waited for
             raise RecordingError(f"cannot read the log {path}: it is no file")
         try:
-            with path.open("rb") as stream:
+            with path.open("rb") if descriptor is None else open(descriptor, "rb", closefd=False) as stream:
                 is_empty = stream.seek(0, 2) == 0
                 self._data = b"" if is_empty else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         except OSError as error:
@@ -135,6 +138,43 @@ class Salvage:
             if found:
                 return found[-1]
         return None
+
+    @property
+    def chunk_count(self) -> int:
+        """How many chunks are whole."""
+        return len(self._chunks)
+
+    def payloads(self, chunk: int, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
+        """The messages on some topics in a chunk, as bytes; of all others nothing is made, which takes long.
+
+        Raises:
+            RecordingError: The chunk has changed since it was found whole.
+        """
+        try:
+            with memoryview(self._unpacked(chunk)) as data:
+                yield from self._payloads_in(data, topics)
+        except _DAMAGE as error:
+            raise RecordingError(f"the log {self.path} has changed while it was read: {error}") from error
+
+    def _unpacked(self, chunk: int) -> bytes:
+        begin, end = self._chunks[chunk]
+        found = next(StreamReader(BytesIO(self._data[begin:end]), skip_magic=True, emit_chunks=True).records)
+        if not isinstance(found, Chunk):
+            raise RecordingError(f"the log {self.path} has changed while it was read")
+        stream, size = get_chunk_data_stream(found, validate_crc=True)
+        return stream.read(size)
+
+    def _payloads_in(self, data: memoryview, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
+        at = 0
+        while at < len(data):
+            opcode, size = _HEAD.unpack_from(data, at)
+            begin, at = at, at + _HEAD.size + size
+            if opcode == Opcode.MESSAGE:
+                topic = self._names.get(_CHANNEL_ID.unpack_from(data, begin + _HEAD.size)[0])
+                if topic is not None and topic in topics:
+                    yield topic, bytes(data[begin + _HEAD.size + _MESSAGE_HEAD : at])
+            else:  # a topic or its type
+                self._keep(next(StreamReader(BytesIO(data[begin:at]), skip_magic=True).records))
 
     def _messages_in(self, chunks: Iterable[tuple[int, int]]) -> Iterator[tuple[str, Message]]:
         for begin, end in chunks:

@@ -5,6 +5,7 @@ import { attribute, byId, make, text, visible } from "./dom.js";
 import { DASH, degrees, duration, figure, milliseconds, timeOfDay } from "./format.js";
 import { titleOf } from "./robots.js";
 import { nextStep, stateOf } from "./state.js";
+import { tiltLimits } from "./tilt_limits.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const TICKS_DEGREES = [-40, -30, -20, -10, 0, 10, 20, 30, 40];
@@ -12,6 +13,7 @@ const TICKS_DEGREES = [-40, -30, -20, -10, 0, 10, 20, 30, 40];
 /** Each figure: its label and its text. The first stand beside the drawing. */
 const MAIN = [
   ["Tilt, \u00b0", (r) => figure(degrees(r.pitch), 1)],
+  ["To limit, \u00b0", (r) => figure(degrees(tiltLimits(r)?.left), 1)],
   ["Speed, m/s", (r) => figure(r.linear_velocity, 2)],
   ["Turn, rad/s", (r) => figure(r.angular_velocity, 2)],
   ["Battery, V", (r) => figure(r.supply_v, 1)],

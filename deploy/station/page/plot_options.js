@@ -43,15 +43,16 @@ function ago(seconds) {
  * Options of a plot.
  * @param {{least: number, series: Array}} graph what is drawn
  * @param {number} width in dots
- * @param {{range: function, isHeld: function, clock: function, zoom: function, moved: function}} view `range()` what is shown, from and
- *   to, `isHeld()` whether that stands, `clock(time)` the time of day, `zoom(from, to)` after a drag, `moved()` of the cursor
+ * @param {{range: function, isHeld: function, clock: function, zoom: function, moved: function, drawn: ?function}} view
+ *   `range()` what is shown, from and to, `isHeld()` whether that stands, `clock(time)` the time of day, `zoom(from, to)` after
+ *   a drag, `moved()` of the cursor, `drawn(plot, graph)` when a plot was drawn
  */
 export function options(graph, width, view) {
   const splits = () => {
     const [from, to] = view.range();
     return (view.isHeld() ? HELD : GOING_ON).map((share) => from + share * (to - from));
   };
-  const values = (u, times) => (view.isHeld() ? times.map(view.clock) : ago(times.map((time) => view.range()[1] - time)));
+  const values = (u, times) => (view.isHeld() ? times.map(view.label ?? view.clock) : ago(times.map((time) => view.range()[1] - time)));
   return {
     width,
     height: HEIGHT,
@@ -67,7 +68,9 @@ export function options(graph, width, view) {
       label, width: 1.75, stroke: () => colour(name), points: { show: false },
       ...(label === "set-point" ? { dash: [5, 4] } : {}),
     }))],
-    hooks: { setSelect: [(u) => select(u, view.zoom)], setCursor: [view.moved] },
+    hooks: {
+      setSelect: [(u) => select(u, view.zoom)], setCursor: [view.moved], draw: view.drawn ? [(u) => view.drawn(u, graph)] : [],
+    },
   };
 }
 

@@ -3,11 +3,10 @@
 //
 // What was before the page was loaded comes from the station, which keeps the last ten minutes: nothing is kept here.
 
-import uPlot from "./vendor/uplot.js";
 import { attribute, byId, make, text, visible } from "./dom.js";
-import { degrees, duration, figure as number, timeOfDay } from "./format.js";
+import { duration, timeOfDay } from "./format.js";
+import { LINE_COUNT, PlotFigures, readLines } from "./plot_figures.js";
 import { History } from "./plot_history.js";
-import { HEIGHT, options } from "./plot_options.js";
 import { PlotView } from "./plot_view.js";
 
 const KEPT_S = 600;
@@ -15,27 +14,9 @@ const DRAW_MS = 100;
 /** What can be chosen, s. */
 const SPANS = [[20, "20 s"], [120, "2 min"], [600, "10 min"]];
 
-const GRAPHS = [
-  { title: "Tilt", unit: "\u00b0", least: 10, series: [["measured", "--plot-1"]], read: (r) => [degrees(r.pitch)] },
-  {
-    title: "Speed", unit: "m/s", least: 0.5, series: [["measured", "--plot-1"], ["set-point", "--plot-2"]],
-    read: (r) => [r.linear_velocity, r.linear_setpoint],
-  },
-  {
-    title: "Turning", unit: "rad/s", least: 0.5, series: [["measured", "--plot-1"], ["set-point", "--plot-2"]],
-    read: (r) => [r.angular_velocity, r.angular_setpoint],
-  },
-];
-
-/** Of the columns of a history, those of each graph. */
-const LINES = GRAPHS.map((graph, index) => {
-  const first = GRAPHS.slice(0, index).reduce((sum, before) => sum + before.series.length, 0);
-  return graph.series.map((_, line) => first + line);
-});
-
 /** What a robot reported, a value for each line; null where it is lost, or reports none. */
 function valuesOf(robot) {
-  const values = GRAPHS.flatMap((graph) => graph.read(robot));
+  const values = readLines(robot);
   return robot.is_alive === false || values.every((value) => value === null) ? null : values;
 }
 
@@ -51,28 +32,17 @@ async function past(namespace) {
   }
 }
 
-function figureOf(graph) {
-  const key = make("span", "plot-key");
-  for (const [label] of graph.series) {
-    if (graph.series.length > 1) key.append(make("span", `key-${label}`, label));
-  }
-  const at = make("span", "plot-at");
-  const title = make("figcaption", "", "", make("strong", "", graph.title), ` ${graph.unit} `, key, at);
-  const place = make("div", "plot");
-  attribute(place, "role", "img");
-  attribute(place, "aria-label", `${graph.title} over time, ${graph.unit}; the newest value is in the figures above`);
-  const root = make("figure", "", "", title, place);
-  byId("plots").append(root);
-  return { root, place, at };
-}
-
 export class Plots {
   constructor() {
     this._histories = new Map();
     this._asked = new WeakSet();
-    this._figures = GRAPHS.map(figureOf);
     this._view = new PlotView();
-    this._plots = null;
+    this._figures = new PlotFigures({
+      range: () => this._view.window(this._history?.times.at(-1) ?? 0),
+      isHeld: () => this._view.held !== null,
+      clock: (time) => this._clock(time),
+      zoom: (from, to) => this._view.zoom(from, to),
+    }, "the newest value is in the figures above");
     this._history = null;
     this._sinceS = 0;
     this._newestS = 0;
@@ -84,8 +54,6 @@ export class Plots {
     this._buttons = SPANS.map(([spanS, label]) => ({ spanS, button: this._button(label, () => this._view.choose(spanS)) }));
     // From what is drawn on: of a lost robot that has ended some time ago.
     this._pause = this._button("Pause", () => this._view.toggle(this._history?.times.at(-1) ?? this._newestS));
-    new ResizeObserver(() => this._fit()).observe(byId("plots"));
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this._plots?.forEach((plot) => plot.redraw()));
   }
 
   /** Add a picture of the fleet. */
@@ -93,7 +61,7 @@ export class Plots {
     if (timeS < this._newestS) this._view.choose(this._view.spanS); // another station's clock: what is held is not of it
     this._newestS = timeS;
     for (const robot of robots) {
-      if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History(LINES.flat().length, KEPT_S));
+      if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History(LINE_COUNT, KEPT_S));
       this._histories.get(robot.robot).add(timeS, valuesOf(robot));
     }
     this._forget(timeS, new Set(robots.map((robot) => robot.robot)));
@@ -121,7 +89,7 @@ export class Plots {
     this._drawn = shown;
     this._show(history);
     // The same time has other labels once it is held: a plot of the same range keeps them by itself.
-    if (held !== this._labelled) this._plots.forEach((plot) => plot.redraw(true, true));
+    if (held !== this._labelled) this._figures.relabel();
     this._labelled = held;
     if (!this._asked.has(history)) void this._loadPast(robot.robot, history);
   }
@@ -147,35 +115,9 @@ export class Plots {
 
   _show(history) {
     this._history = history;
-    this._plots ??= GRAPHS.map((graph, index) => this._plot(graph, index));
-    GRAPHS.forEach((graph, index) => {
-      visible(this._figures[index].root, LINES[index].some((line) => history.has(line)));
-      this._plots[index].setData([history.times, ...LINES[index].map((line) => history.columns[line])]);
-      this._readCursor(this._plots[index], index);
-    });
-    this._fit();
+    this._figures.show(history.times, history.columns, (line) => history.has(line));
     attribute(byId("plots"), "data-newest", String(history.times.at(-1)));
     attribute(byId("plots"), "data-oldest", String(history.times[0]));
-  }
-
-  _plot(graph, index) {
-    const { place } = this._figures[index];
-    const view = {
-      range: () => this._view.window(this._history.times.at(-1) ?? 0),
-      isHeld: () => this._view.held !== null,
-      clock: (time) => this._clock(time),
-      zoom: (from, to) => this._view.zoom(from, to),
-      moved: (plot) => this._readCursor(plot, index),
-    };
-    return new uPlot(options(graph, place.clientWidth, view), [[], ...graph.series.map(() => [])], place);
-  }
-
-  /** The values under the cursor, in the order of the lines. */
-  _readCursor(plot, index) {
-    const row = plot.cursor.idx;
-    const time = this._history?.times[row];
-    const values = time === undefined ? [] : LINES[index].map((line) => number(this._history.columns[line][row], 2));
-    text(this._figures[index].at, time === undefined ? "" : `${this._clock(time)}: ${values.join(", ")}`);
   }
 
   /** What a clock on the wall showed at a time of the station's. */
@@ -189,12 +131,5 @@ export class Plots {
     button.addEventListener("click", act);
     byId("plots-buttons").append(button);
     return button;
-  }
-
-  _fit() {
-    this._plots?.forEach((plot, index) => {
-      const width = this._figures[index].place.clientWidth;
-      if (width > 0 && width !== plot.width) plot.setSize({ width, height: HEIGHT });
-    });
   }
 }

@@ -27,6 +27,7 @@ export class Scene {
     this._apart = [];
     this._lastMs = 0;
     this._seen = new Set();
+    this._retraced = null;
     this._listen();
   }
 
@@ -35,6 +36,12 @@ export class Scene {
     for (const robot of robots) {
       if (robot.is_alive && robot.x !== null) this._world?.pass(robot.robot, robot.x, robot.y);
     }
+  }
+
+  /** Have a robot's trail be this, x and y, m: of a log, where any moment may follow any other. */
+  retrace(name, points) {
+    this._retraced = [name, points];
+    this._world?.retrace(name, points);
   }
 
   /** A robot that never told where it is has no scene; nor has a browser that cannot draw one. */
@@ -50,6 +57,7 @@ export class Scene {
     try {
       const { World } = await import("./scene_world.js");
       this._world = new World(this._canvas);
+      if (this._retraced) this._world.retrace(...this._retraced);
       requestAnimationFrame((ms) => this._frame(ms));
     } catch {
       this._hasFailed = true; // no WebGL here: the drawing of the tilt remains
@@ -62,6 +70,7 @@ export class Scene {
     if (ms - this._lastMs < PICTURE_MS || robot === null || robot.x === null || byId("scene-panel").hidden) return;
     this._world.fit(this._share);
     this._world.show(robot, { ms, isLive, aheadS: FAR_AHEAD_S });
+    for (const [name, value] of Object.entries(this._world.described)) attribute(this._canvas, `data-${name}`, value);
     if (this._world.render(this._view)) this._measure(ms - this._lastMs);
     else this._apart = [];
     this._lastMs = ms;

@@ -6,7 +6,7 @@ import {
 } from "./vendor/three.module.min.js";
 
 /** Of the packaged segway, m: node/models/segway_parameters.py. A robot does not report its own. */
-const RADIUS = 0.05;
+export const RADIUS = 0.05;
 const TRACK = 0.3048;
 const WIDTH = 0.035;
 const HEIGHT = 0.56;

@@ -5,7 +5,9 @@ import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, Line, LineBasicMaterial, LineSegments,
   PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from "./vendor/three.module.min.js";
+import { Envelope } from "./scene_envelope.js";
 import { RobotShape } from "./scene_robot.js";
+import { tiltLimits } from "./tilt_limits.js";
 
 /** Of the floor's lines, m: how far apart, and how many cells either way. */
 const CELL = 0.5;
@@ -50,9 +52,11 @@ export class World {
     this._ghost = new RobotShape(colour("--plot-2"), 0.35);
     this._trails = new Map();
     this._trail = new Line(new BufferGeometry(), new LineBasicMaterial({ color: colour("--plot-1") }));
-    this._trail.frustumCulled = false;
+    this._plan = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: colour("--plot-2") }));
+    this._plan.frustumCulled = this._trail.frustumCulled = false;
+    this._envelope = new Envelope(colour);
     this._scene.add(new AmbientLight(0xffffff, 1.6), this._sun, this._sun.target, this._grid, this._trail);
-    this._scene.add(this._robot.root, this._ghost.root);
+    this._scene.add(this._robot.root, this._ghost.root, this._plan, this._envelope.root);
     this._pose = null;
     this._name = "";
     this._recolour();
@@ -67,6 +71,13 @@ export class World {
     if (last && Math.hypot(x - last[0], y - last[1]) < TRAIL_STEP) return;
     points.push([x, y]);
     if (points.length > TRAIL_POINTS) points.shift();
+  }
+
+  /** A robot came this way, and no other. */
+  retrace(name, points) {
+    const [old, newest] = [this._trails.get(name), points.at(-1)];
+    const isSame = old?.length === points.length && old[0]?.[0] === points[0]?.[0] && old.at(-1)?.[0] === newest?.[0];
+    if (!isSame) this._trails.set(name, points);
   }
 
   /** Take the size of the canvas, at a share of this screen's dots. */
@@ -93,6 +104,13 @@ export class World {
     this._robot.place(this._pose, stands);
     this._placeGhost(robot, isLive, aheadS, stands);
     this._drawTrail(robot.robot);
+    this._drawPlan(robot.sequence?.path ?? []);
+    this._envelope.place(this._pose, tiltLimits(robot));
+  }
+
+  /** What is shown beside the robot, in words: how near its tilt limit is, and how many points its way has. */
+  get described() {
+    return { tilt: this._envelope.kind, planned: String(this._plan.geometry.attributes.position?.count ?? 0) };
   }
 
   /** Draw it as it is looked at; false where it looks as before, and was not drawn. */
@@ -100,7 +118,7 @@ export class World {
     const { x, y, heading, pitch } = this._pose;
     const ghost = this._ghost.root.visible ? [...this._ghost.root.position, this._ghost.root.rotation.z] : [];
     const seen = [x, y, heading, pitch, ...ghost, view.azimuth, view.elevation, view.distance].map((value) => value.toFixed(3));
-    const key = [...seen, view.isTop, this._size, this._name, this._drawnCount, this._theme].join(" ");
+    const key = [...seen, view.isTop, this._size, this._name, this._drawnTrails, this._theme, this._planned, this._envelope.key].join(" ");
     if (key === this._rendered) return false;
     this._rendered = key;
     this._look(view);
@@ -157,8 +175,19 @@ export class World {
     const points = this._trails.get(name) ?? [];
     if (this._drawn === points && this._drawnCount === points.length && points.length < TRAIL_POINTS) return;
     [this._drawn, this._drawnCount] = [points, points.length];
+    this._drawnTrails = (this._drawnTrails ?? 0) + 1;
     this._trail.geometry.dispose();
     this._trail.geometry = geometryOf(points.flatMap(([x, y]) => [x, y, 0.003]));
+  }
+
+  /** Where a sequence leads, dashed: every second piece of the line is drawn. */
+  _drawPlan(path) {
+    const planned = path.length > 1 ? `${path.length} ${path[0]} ${path.at(-1)}` : "";
+    if (planned === (this._planned ?? "")) return;
+    this._planned = planned;
+    this._plan.geometry.dispose();
+    const pieces = path.slice(0, path.length - (path.length % 2));
+    this._plan.geometry = geometryOf(pieces.flatMap(([x, y]) => [x, y, 0.004]));
   }
 
   _recolour() {
@@ -166,6 +195,8 @@ export class World {
     this._renderer.setClearColor(colour("--sunk"));
     this._grid.material.color = colour("--edge");
     this._trail.material.color = colour("--plot-1");
+    this._plan.material.color = colour("--plot-2");
+    this._envelope.recolour();
     this._robot.recolour(colour("--accent"), colour("--text"));
     this._ghost.recolour(colour("--plot-2"), colour("--plot-2"));
   }

@@ -5,7 +5,7 @@ import asyncio
 import importlib.resources
 import logging
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -17,6 +17,7 @@ from segway_ecc.deploy.station.web.authentication import AuthenticationMiddlewar
 from segway_ecc.deploy.station.web.browser import Browser, Peer
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
 from segway_ecc.deploy.station.web.downloads import Downloads
+from segway_ecc.deploy.station.web.log_views import LogViews
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices, json_response, refusal
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
@@ -36,6 +37,8 @@ _HEADERS: Final = {
 }
 _ONLY_TLS: Final = "max-age=31536000"
 """A browser that was here once speaks TLS only for a year (RFC 6797): nobody in between can have it speak without."""
+PLAYER: Final = "/log"
+"""The page that plays a log."""
 _WITH_FORMS: Final = ("/logs", "/robots/")
 _Handler: TypeAlias = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _logger = logging.getLogger(__name__)
@@ -58,19 +61,27 @@ class WebApplication:
         authentication: AuthenticationMiddleware,
         downloads: Downloads,
     ) -> None:
+        """Answer nothing yet; `close` ends what requests begin."""
         self.connections: ConnectionLimiter | None = None
         self._shared = shared
         self._hub = hub
         self._authentication = authentication
-        self._files = _page_files()
+        self._files = page_files()
         self._downloads = downloads
+        self._log_views = LogViews(downloads.open_log)
+
+    def close(self) -> None:
+        """End the process that reads logs."""
+        self._log_views.close()
 
     def app(self) -> web.Application:
         """The application."""
         app = web.Application(middlewares=[self._guard], client_max_size=MOST_BODY_BYTES)
-        app.on_response_prepare.append(_prepare)
-        downloads, audited, get, post = self._downloads, self._audited, app.router.add_get, app.router.add_post
+        app.on_response_prepare.append(prepare)
+        downloads, views, audited = self._downloads, self._log_views, self._audited
+        get, post = app.router.add_get, app.router.add_post
         get("/", self._page)
+        get(PLAYER, self._player)
         get("/static/{path:.+}", self._page)
         get("/health", self._health)
         get("/session", self._session, allow_head=False)
@@ -81,9 +92,13 @@ class WebApplication:
         get("/robots/{robot}/trace", self._trace, allow_head=False)
         get("/logs", self._listed(downloads.logs))
         get("/logs/{name}", audited(downloads.log, "log"), allow_head=False)
+        get("/logs/{name}/view", audited(views.whole, "view"), allow_head=False)
+        get("/logs/{name}/rows", self._rows, allow_head=False)
         get("/robots/{robot}/bundle", audited(downloads.bundle, "bundle", Role.OPERATOR), allow_head=False)
         get("/robots/{robot}/logs", self._listed(downloads.robot_logs))
         get("/robots/{robot}/logs/{name}", audited(downloads.robot_log, "log"), allow_head=False)
+        get("/robots/{robot}/logs/{name}/view", audited(views.whole, "view"), allow_head=False)
+        get("/robots/{robot}/logs/{name}/rows", self._rows, allow_head=False)
         post("/robots/{robot}/logs/{name}", audited(downloads.fetch, "fetch", Role.OPERATOR))
         return app
 
@@ -112,11 +127,10 @@ class WebApplication:
         return refusal(cause)
 
     async def _page(self, request: web.Request) -> web.Response:
-        file = self._files.get(request.match_info.get("path", "index.html"))
-        if file is None:
-            raise RefusedRequestError(Cause.NOT_FOUND)
-        content, kind = file
-        return web.Response(body=content, content_type=kind, charset="utf-8")
+        return page_file(self._files, request.match_info.get("path", "index.html"))
+
+    async def _player(self, _: web.Request) -> web.Response:
+        return page_file(self._files, "log.html")
 
     async def _health(self, _: web.Request) -> web.Response:
         if self._hub.is_stalled:
@@ -182,6 +196,12 @@ class WebApplication:
         response.enable_compression()
         return response
 
+    async def _rows(self, request: web.Request) -> web.Response:
+        self._authentication.session(request)
+        if self.connections is not None:
+            self.connections.on_download(request.transport)
+        return await self._log_views.rows(request)
+
     def _listed(self, handler: Callable[..., Awaitable[web.Response]]) -> _Handler:
         """A handler for sessions, which shows operators what they may fetch."""
 
@@ -208,7 +228,19 @@ def _log_once(refusals: Counter[Cause], error: Exception) -> None:
         _logger.error("a request failed, and the station goes on", exc_info=error)
 
 
-async def _prepare(request: web.Request, response: web.StreamResponse) -> None:
+def page_file(files: Mapping[str, tuple[bytes, str]], path: str) -> web.Response:
+    """A file of the page.
+
+    Raises:
+        RefusedRequestError: There is none.
+    """
+    if path not in files:
+        raise RefusedRequestError(Cause.NOT_FOUND)
+    content, kind = files[path]
+    return web.Response(body=content, content_type=kind, charset="utf-8")
+
+
+async def prepare(request: web.Request, response: web.StreamResponse) -> None:
     """Set the headers of every response."""
     response.headers.update(_HEADERS)
     if request.secure:
@@ -217,19 +249,19 @@ async def _prepare(request: web.Request, response: web.StreamResponse) -> None:
         # Without a referrer browsers send a form with the origin `null`, which could be anybody's (Fetch, "origin").
         response.headers["Referrer-Policy"] = "same-origin"
     # The page's own files are requested each time, so that a new station is never seen through an old page.
-    is_ours = request.path == "/" or request.path.startswith("/static/")
+    is_ours = request.path in {"/", PLAYER} or request.path.startswith("/static/")
     response.headers["Cache-Control"] = "no-cache" if is_ours else "no-store"
     response.headers.popall("Server", None)
 
 
-def _page_files(folder: Traversable | None = None, prefix: str = "") -> dict[str, tuple[bytes, str]]:
+def page_files(folder: Traversable | None = None, prefix: str = "") -> dict[str, tuple[bytes, str]]:
     """Every file of the page by its path, with its MIME type; nothing else can be requested, whatever path is given."""
     found: dict[str, tuple[bytes, str]] = {}
     for item in (folder or importlib.resources.files("segway_ecc.deploy.station") / "page").iterdir():
         path = f"{prefix}{item.name}"
         kind = _TYPES.get(Path(item.name).suffix)
         if item.is_dir():
-            found |= _page_files(item, f"{path}/")
+            found |= page_files(item, f"{path}/")
         elif kind is not None and not item.name.startswith("."):
             found[path] = (item.read_bytes(), kind)
     return found

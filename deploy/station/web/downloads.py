@@ -45,6 +45,9 @@ _TABLE: Final = """<table>
 <tbody>{}</tbody></table>"""
 _ROW: Final = '<tr><th scope="row">{}</th><td>{}</td><td>{}</td>{}</tr>'
 _LINK: Final = '<a href="{}" download>{}</a>'
+_LOG_ENDING: Final = ".mcap"
+_PLAY: Final = '<a class="play-log" href="{}" aria-label="Play {}">Play</a>'
+_PLAY_HEAD: Final = '<th scope="col">In the browser</th>'
 _BUTTON: Final = '<form method="post" action="{}"><button aria-label="{} {}">{}</button></form>'
 _BAR: Final = '<progress aria-label="{}" value="{}" max="{}"></progress> {:.0f} %'
 
@@ -113,6 +116,18 @@ class Downloads:
         if _wants_json(request):
             return json_response(logs.as_json(), status)
         return web.Response(text=logs_page(None, [logs], may_fetch=may_fetch), content_type="text/html", status=status)
+
+    def open_log(self, request: web.Request) -> int:
+        """The descriptor of the log that a request names: one of the station, or of a robot that was fetched.
+
+        Raises:
+            FileNotFoundError: There is none that may be seen.
+            RefusedRequestError: The robot is not known.
+        """
+        name = request.match_info["name"]
+        if "robot" in request.match_info:
+            return self._archive.open(self._known(request), name)[0]
+        return open_log(self._folder, name, _names(self._fleet()))[0]
 
     async def log(self, request: web.Request) -> web.StreamResponse:
         """One log of the station, as long as it was at the request."""
@@ -272,15 +287,24 @@ def logs_page(logs: Sequence[LogFile] | None, robots: Sequence[RobotLogs], *, ma
     """The page: the station's own logs, where they are given, and those of robots."""
     sections = []
     if logs is not None:
-        own = [(log, _LINK.format(f"/logs/{urllib.parse.quote(log.name, safe='')}", _text(log)), "") for log in logs]
-        sections.append(_SECTION.format("On this station", _table(own, "")))
+        own = [
+            (
+                log,
+                _LINK.format(f"/logs/{urllib.parse.quote(log.name, safe='')}", _text(log)),
+                f"<td>{_play('', log)}</td>",
+            )
+            for log in logs
+        ]
+        sections.append(_SECTION.format("On this station", _table(own, _PLAY_HEAD)))
     for robot in robots:
         rows = []
         for log in robot.logs:
             is_here = log.name in robot.here
             name = _LINK.format(path_of(robot.robot, log.name), _text(log)) if is_here else _text(log)
-            rows.append((log, name, f"<td>{_act(robot, log, may_fetch)}</td>"))
-        table = f"<p>{html.escape(robot.error)}</p>" if robot.error else _table(rows, '<th scope="col">Fetch</th>')
+            play = _play(robot.robot, log) if is_here else ""
+            rows.append((log, name, f"<td>{_act(robot, log, may_fetch)}</td><td>{play}</td>"))
+        head = f'<th scope="col">Fetch</th>{_PLAY_HEAD}'
+        table = f"<p>{html.escape(robot.error)}</p>" if robot.error else _table(rows, head)
         sections.append(_SECTION.format(f"On robot {html.escape(robot.robot)}", table))
     is_going_on = any(progress.is_going_on for each in robots for progress in each.progress.values())
     return _PAGE.format(_REFRESH if is_going_on else "", "".join(sections))
@@ -308,6 +332,18 @@ def _act(robot: RobotLogs, log: LogFile, may_fetch: bool) -> str:  # noqa: FBT00
     word = "Try again" if failed else "Fetch anew" if log.name in robot.here else "Fetch"
     button = _BUTTON.format(path_of(robot.robot, log.name), word, _text(log), word) if may_fetch else ""
     return f"{html.escape(progress.why)} {button}" if failed and progress is not None else button
+
+
+def player_path(name: str, robot: str = "") -> str:
+    """Where the page is that plays a log; without a robot, one of the station's own."""
+    return f"/log#{urllib.parse.urlencode({'robot': robot, 'log': name} if robot else {'log': name}, safe='')}"
+
+
+def _play(robot: str, log: LogFile) -> str:
+    """A link that plays a log; nothing beside what is none."""
+    if not log.name.endswith(_LOG_ENDING):
+        return ""
+    return _PLAY.format(html.escape(player_path(log.name, robot)), _text(log))
 
 
 def _text(log: LogFile) -> str:

@@ -112,6 +112,7 @@ class Server:
         self._broadcasting.cancel()
         # Before the threads that wait for robots are waited for.
         await asyncio.to_thread(self._settings.archive.close)
+        await asyncio.to_thread(self._application.close)
         await self._runner.cleanup()
         _http_logger.removeFilter(self._count_bad_http)
         self.shared.audit.add(AuditEntry(act="ends", outcome="done"))

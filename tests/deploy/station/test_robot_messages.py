@@ -149,3 +149,20 @@ def test_a_number_that_is_none_is_not_known() -> None:
     assert finite(1.5) == 1.5
     assert finite(math.nan) is None
     assert finite(-math.inf) is None
+
+
+@pytest.mark.parametrize(
+    ("values", "limits"),
+    [
+        ({"tilt_limit_rad": "0.8", "down_rad": "0.4"}, (0.8, 0.4)),
+        ({"tilt_limit_rad": "0.6"}, (0.6, None)),
+        ({}, (None, None)),
+        ({"tilt_limit_rad": "nan", "down_rad": "-1"}, (None, None)),
+        ({"tilt_limit_rad": "wide", "down_rad": "0"}, (None, None)),
+    ],
+)
+def test_tilt_limits_are_positive_numbers_or_none(
+    values: dict[str, str], limits: tuple[float | None, float | None]
+) -> None:
+    health = decode_health([("alice: mode", {"mode": "ARMED", **values})])
+    assert (health.tilt_limit_rad, health.down_rad) == limits

@@ -67,7 +67,9 @@ def test_it_is_played_to_its_end(playing: SequencePlayback, connection: Any, rep
     playing.on_status(status(connection, TrajectoryState.ACCEPTED))
     assert replies == [(True, "one is being played")]
     playing.step(connection, at(1000), S)
-    assert playing.view == SequenceView(name="one", fraction=0.5, state="running")
+    view = playing.view
+    assert (view.name, view.fraction, view.state) == ("one", 0.5, "running")
+    assert (view.path[0], view.path[-1]) == ((0.0, 0.0), (1.0, 0.0))
     playing.on_status(status(connection, TrajectoryState.DONE))
     assert playing.view.state == "running"
     playing.step(connection, at(1500), 1500 * MS)

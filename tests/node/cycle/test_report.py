@@ -6,7 +6,7 @@ import pytest
 
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
-from segway_ecc.node.cycle.report import DiagnosticReport
+from segway_ecc.node.cycle.report import NO_TILT_LIMITS, DiagnosticReport, tilt_limits_of
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.timing import Histogram, LoopCounters, TimeBase
@@ -16,7 +16,7 @@ from segway_ecc.node.models.cart import Cart
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.node.safety.posture import Posture
 from segway_ecc.node.safety.residual import ResidualMonitor
-from segway_ecc.node.safety.settings import ResidualSettings
+from segway_ecc.node.safety.settings import PostureSettings, ResidualSettings, SafetySettings
 from segway_ecc.testing import RecordingHardware
 
 PERIOD = 10_000_000
@@ -140,6 +140,15 @@ def test_mode_status_has_reason_and_level(observed: Observed, report: Diagnostic
     assert told() == (Level.WARN, "HOLD: no set-point arrives any more")
     observed.arming.modes.fail("smoke")
     assert told() == (Level.ERROR, "FAULT: smoke")
+
+
+def test_mode_status_has_the_tilt_limits_of_the_robot_file(observed: Observed) -> None:
+    safety = SafetySettings(tilt_limit_rad=0.8, posture=PostureSettings(down_rad=0.4))
+    report = DiagnosticReport(observed, LoopCounters(), PERIOD, "cart", tilt_limits_of(safety))
+    values = gather(report)["cart: mode"].values
+    assert (values["tilt_limit_rad"], values["down_rad"]) == ("0.8", "0.4")
+    assert tilt_limits_of(SafetySettings()) == tilt_limits_of(None) == NO_TILT_LIMITS
+    assert NO_TILT_LIMITS.as_values() == {}
 
 
 def test_timing_holds_the_counters_and_every_histogram(

@@ -71,6 +71,8 @@ def armed(**fields: object) -> dict[str, object]:
         "controller": "ann",
         "can_stand": True,
         "posture": "BALANCING",
+        "tilt_limit_rad": 0.8,
+        "down_rad": 0.4,
         "stop": "",
         "stop_after_s": None,
         "sequence": None,

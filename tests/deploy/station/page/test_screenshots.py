@@ -21,6 +21,7 @@ pytestmark = pytest.mark.browser
 SIZES = {"phone": (360, 740), "landscape": (740, 360), "desktop": (1280, 800)}
 OFF: dict[str, object] = {"drives": "off", "posture": "RESTING"}
 """A robot that has no torque balances nowhere."""
+PATH = [(1.25 + 0.05 * step, -0.5 + 0.4 * math.sin(0.1 * step)) for step in range(64)]
 STATES: dict[str, dict[str, object]] = {
     "armed": armed(),
     "disarmed": armed(**OFF, mode="DISARMED", reason="just started", controller="", checklist=dict(CHECKS)),
@@ -34,7 +35,7 @@ STATES: dict[str, dict[str, object]] = {
         stop_after_s=0.0123,
     ),
     "lost": lost(),
-    "sequence": armed(sequence=SequenceView(name="figure eight", fraction=0.42, state="running")),
+    "sequence": armed(sequence=SequenceView(name="figure eight", fraction=0.42, state="running", path=PATH)),
 }
 
 

@@ -65,7 +65,7 @@ def test_both_themes_have_the_same_names() -> None:
 
 
 def test_no_colour_stands_anywhere_else() -> None:
-    style = (THEME.parent / "style.css").read_text(encoding="utf-8")
+    style = "".join((THEME.parent / name).read_text(encoding="utf-8") for name in ("style.css", "log.css"))
     assert re.findall(r"#[0-9a-fA-F]{3,8}\b(?=[;\s,)])", style) == []
     used = set(re.findall(r"var\(--([\w-]+)\)", style))
     assert used - {"mode", "check"} <= _themes()["light"].keys()

@@ -36,7 +36,7 @@ def test_a_log_is_fetched_and_downloaded_by_hand(tmp_path: Path) -> None:
             await page.get_by_role("progressbar", name="a<b>.mcap").wait_for()
             assert archive.begun == [("/alice", "a<b>.mcap")]
             archive.arrive()
-            link = page.get_by_role("link", name="a<b>.mcap")
+            link = page.get_by_role("link", name="a<b>.mcap", exact=True)
             await link.wait_for()  # the page looks again by itself
             async with page.expect_download() as download:
                 await link.click()
