@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The process that reads logs for the station: `python -m segway_ecc.deploy.station.playback.reading_process FD`.
+"""The process that reads logs for the station: `python -P -m segway_ecc.deploy.station.playback.reading_process FD`.
 
 A process of its own, since a log that is cut short while it is read ends whoever has it mapped (SIGBUS), and since what
 unpacks hours of a log would keep the station from its heartbeats.
