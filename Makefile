@@ -77,7 +77,8 @@ docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
 
 page: $(READY)
-	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 4 --dist loadfile tests/deploy/station
+	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof and not real_time' -n 4 --dist loadfile tests/deploy/station
+	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and real_time and not proof' tests/deploy/station
 	$(VENV)/bin/python tests/deploy/station/album.py out/page
 
 # The image, built and booted. With proofs of many minutes: make boot PROOFS=

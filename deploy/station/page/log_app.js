@@ -121,12 +121,12 @@ async function copyLink() {
 
 async function start() {
   const known = await session();
+  visible(byId("pages"), Boolean(known?.login || known?.who)); // where one log alone is served there are no others
   if (known?.login) throw new Error("sign in at the base station first, then load this page anew");
   if (!link.log) throw new Error("the address names none; choose one from the list of all logs");
   show(await source.open());
 }
 
-visible(byId("logs-link"), true);
 start()
   .then(listen)
   .catch((error) => fail(error.message))

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // A log as the station gives it: its cycles in pieces, of which the last few are kept, however long the log is.
 
-/** Before each piece comes so much of the one before, s: the cycle that was in force, and the trail. */
-const OVERLAP_S = 2;
+/** Before each piece comes so much of the one before, as a share of it: the cycle that was in force, and the trail. */
+const OVERLAP = 0.2;
 const KEPT_PIECES = 12;
+/** The station gives no more; a piece with what comes before it has fewer, so that each cycle has a row. */
+const MOST_ROWS = 4000;
 const SLIGHTLY_S = 5e-7;
 const AGAIN_MS = 1000;
 const BUSY = 503;
@@ -129,7 +131,7 @@ export class LogSource {
     if (known) return known.loaded;
     const { piece_s: length } = this.view;
     const piece = { rows: null };
-    piece.loaded = this.rows(number * length - OVERLAP_S, (number + 1) * length, 4000).then((rows) => {
+    piece.loaded = this.rows((number - OVERLAP) * length, (number + 1) * length, MOST_ROWS).then((rows) => {
       piece.rows = rows;
       this._changed();
       return piece;

@@ -111,7 +111,7 @@ class RecordedLog:
             gaps=self._gaps(),
             events=sorted(self._events.events, key=lambda event: event.time_s),
             events_left_off=self._events.left_off,
-            piece_s=min(_LONGEST_PIECE_S, max(1.0, MOST_ROWS * period_s // 2)),
+            piece_s=min(_LONGEST_PIECE_S, 0.5 * MOST_ROWS * period_s),
             modes=[str(mode) for mode in _MODES],
             is_balancing=bool(posture),
             tilt_limit_rad=_number(safety.get("tilt_limit_rad")),

@@ -88,6 +88,14 @@ def test_joystick_drives_and_stop_stops_without_scrolling(cockpit: "Page", stati
     assert cockpit.evaluate("() => scrollY") == 0
 
 
+def test_what_a_stop_came_to_and_what_stops_all_have_room_beside_it(cockpit: "Page", station: FakeStation) -> None:
+    station.robot("/bob", **armed(name="Bob"))
+    station.robot("/alice", **STATES["stopped"])
+    shows(cockpit, "#stop-state", "confirmed")
+    assert cockpit.evaluate(IN_SIGHT, ["#stop", "#stop-state", "#stop-clear", "#stop-all"]) == []
+    assert cockpit.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+
+
 def test_all_else_is_below_and_the_robots_too(cockpit: "Page", station: FakeStation) -> None:
     station.robot("/bob", **armed(name="Bob"))
     shows(cockpit, "#robots", "Bob")

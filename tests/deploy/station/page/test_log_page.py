@@ -60,6 +60,7 @@ def test_link_shows_its_moment_with_state_figures_and_events(log: "Page") -> Non
     shows(log, "#reason", "why it is ARMED")
     shows(log, "#readouts", "0.50")
     at_moment(log, "6.000 s")
+    gone(log, "#pages")  # there are none beside it
     assert log.inner_text(".log-event[aria-current]").split("\n")[-1] == "Posture: BALANCING"
     assert log.get_attribute("#moment", "aria-valuetext") == "6.000 s, BALANCING, ARMED"
 

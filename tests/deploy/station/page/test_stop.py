@@ -110,7 +110,7 @@ def test_a_browser_that_does_not_name_the_pointer_of_a_click_is_understood(page:
 
 
 @pytest.mark.variants(1)
-@pytest.mark.parametrize(("width", "height"), [(740, 360), (360, 740), (1000, 600), (1280, 800)])
+@pytest.mark.parametrize(("width", "height"), [(740, 360), (360, 740), (1000, 600), (1280, 800), (844, 390)])
 def test_stop_stays_where_it_was_pressed(page: "Page", station: FakeStation, width: int, height: int) -> None:
     """A second press in haste hits STOP again, and not what clears it."""
     page.set_viewport_size({"width": width, "height": height})

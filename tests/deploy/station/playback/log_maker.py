@@ -62,10 +62,12 @@ def record(cycle: int, *, pitch: float | None = None, mode: Mode = Mode.ARMED, *
     return msgspec.structs.replace(made, **fields) if fields else made
 
 
-def write_log(path: Path, records: Iterable[CycleRecord], *, is_end: bool = True, part: int = 1) -> Path:
+def write_log(
+    path: Path, records: Iterable[CycleRecord], *, is_end: bool = True, part: int = 1, layout: CycleLayout = LAYOUT
+) -> Path:
     """A log of these cycles, with a chunk every half second and diagnostics every second, as on a robot."""
     attachments = {"robot.json": msgspec.json.encode(ROBOT).decode()}
-    log = CycleLog(path, LAYOUT, Provenance(attachments, {}), LogPart("run", part))
+    log = CycleLog(path, layout, Provenance(attachments, {}), LogPart("run", part))
     for count, each in enumerate(records, 1):
         log.write(each)
         if count % CHUNK_CYCLES == 0:

@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from segway_ecc.deploy.station.playback import recorded_log
@@ -65,6 +66,21 @@ def test_pieces_one_behind_the_other_are_the_whole_log(log: RecordedLog) -> None
     for number in range(2):
         found += log.rows(number * piece_s, (number + 1) * piece_s - 1e-4, MOST_ROWS).cycle
     assert found == list(range(2400))
+
+
+@pytest.mark.parametrize(("rate_hz", "piece_s"), [(100, 10.0), (200, 10.0), (1000, 2.0), (5000, 0.4)])
+def test_piece_and_a_fifth_more_has_a_row_for_each_cycle(tmp_path: Path, rate_hz: int, piece_s: float) -> None:
+    layout = msgspec.structs.replace(LAYOUT, period_ns=1_000_000_000 // rate_hz)
+    cycles = round(2.5 * piece_s * rate_hz)
+    records = [
+        record(each, start_ns=STARTED_NS + each * layout.period_ns, stamp_ns=BEGIN_NS + each * layout.period_ns)
+        for each in range(cycles)
+    ]
+    log = opened(write_log(tmp_path / "run.mcap", records, layout=layout))
+    assert log.view().piece_s == pytest.approx(piece_s)
+    rows = log.rows(0.8 * piece_s, 2.0 * piece_s, MOST_ROWS)
+    assert rows.per == 1
+    assert len(rows.cycle) == pytest.approx(1.2 * piece_s * rate_hz, abs=2)
 
 
 def test_time_outside_of_the_log_has_no_rows(log: RecordedLog) -> None:
