@@ -2,7 +2,7 @@
 """Another participant of the bus, who sends there what only the node or the devices may send."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from msgspec.structs import replace
@@ -14,6 +14,8 @@ from segway_ecc.hil.faults.fault import Injection, Injections, active
 from segway_ecc.hil.rig.simulated_bus import NowNs
 
 _LISTENS_EVERY_NS: Final = 1_000_000
+_MOST_PARTS: Final = 3
+"""Frames of a command before the one that completes it: a wheel board's has one."""
 
 
 class Stranger:
@@ -25,7 +27,8 @@ class Stranger:
         self._stopper = stopper
         self._injections = injections.of("stranger")
         self._now_ns = now_ns
-        self._newest: dict[str, Frame] = {}
+        self._newest: dict[str, Sequence[Frame]] = {}
+        self._parts: deque[Frame] = deque(maxlen=_MOST_PARTS)
         self._of_devices: dict[FrameKey, Frame] = {}
         self._recording: deque[tuple[int, Frame]] = deque()
         self._records = any(injection.fault.type == "delayed" for injection in self._injections)
@@ -43,8 +46,12 @@ class Stranger:
         # Before the fault only what it heard counts: after it, the node's zeros are not worth playing.
         for frame in self._link.receive():
             observed = self._stopper.read(frame)
+            if observed is None and (frame.arbitration_id, frame.is_extended) not in self._of_devices:
+                self._parts.append(frame)  # of the node; a command may take several, of which the last one is read
+                continue
             if observed is not None and observed.meaning is Meaning.MOVE and not faults:
-                self._newest[observed.drive] = frame
+                self._newest[observed.drive] = (*self._parts, frame)
+            self._parts.clear()
         self.next_ns = self._now_ns() + _LISTENS_EVERY_NS
         for injection in faults:
             for frame in self._frames(injection):
@@ -74,4 +81,5 @@ class Stranger:
                     if sent_ns >= begun_ns:
                         yield frame
             case _:
-                yield from self._newest.values()
+                for frames in self._newest.values():
+                    yield from frames

@@ -13,6 +13,7 @@ import msgspec
 
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.firmware_io.clock import RealClock
+from segway_ecc.firmware_io.drives.family import family_of
 from segway_ecc.firmware_io.drives.stopper import Meaning
 from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.links.link import Frame, Link
@@ -40,20 +41,26 @@ class BusStranger:
 
     def __init__(self, rig: Rig, link: Link) -> None:
         """Take part by `link`."""
-        self._stopper = stopper_of(hardware_of(load_robot(str(rig.file))))
+        hardware, clock = hardware_of(load_robot(str(rig.file))), RealClock()
+        self._stopper = stopper_of(hardware)
+        drives = family_of(hardware).drives(hardware, link, _PERIOD_S, clock)
+        self._commands = frozenset(key for drive in drives for key in drive.commanded_by)
         self._link = link
 
     def record(self) -> list[Frame]:
-        """The next commands of the node that move a drive.
+        """The next commands of the node, all their frames, until so many have moved a drive.
 
         Raises:
             ProcessFailedError: There were none.
         """
-        deadline, found = time.monotonic() + _RECORDED_WITHIN_S, list[Frame]()
-        while len(found) < _RECORDED:
+        deadline, found, moved = time.monotonic() + _RECORDED_WITHIN_S, list[Frame](), 0
+        while moved < _RECORDED:
             if time.monotonic() > deadline:
                 raise ProcessFailedError("no drive is moved on the bus")
-            found += [frame for frame in self._link.receive() if self._moves(frame)]
+            for frame in self._link.receive():
+                moved += self._moves(frame)
+                if (frame.arbitration_id, frame.is_extended) in self._commands:
+                    found.append(frame)
             time.sleep(_PERIOD_S)
         return found
 

@@ -218,6 +218,8 @@ class WheelBoard(PhasedDrive):
             return
         if not session.is_begun or announced.number != session.number:
             session.begin(announced.number, announced.epoch)
+            if self._enabling.phase is Phase.OFF:  # what `start` could not send yet: before it arms, the watchdog
+                self.start()
 
     def _send(self, command: WheelCommand) -> None:
         session = self._session

@@ -64,7 +64,7 @@ def test_two_processes_give_the_same_bits_as_one() -> None:
 
 
 _LATE: tuple[Fault, ...] = tuple(
-    Fault(target=target, type=kind, at_s=0.3)
+    Fault(target=target, type=kind, at_s=0.3, name="left" if target == "motor" else None)
     for target, kinds in KINDS.items()
     for kind in kinds
     if target not in {"serial", "parameter", "odometry"}

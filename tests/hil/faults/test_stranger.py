@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Somebody else on the bus, who plays what was sent there, or makes up frames."""
 
-from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
-from segway_ecc.firmware_io.drives.wheel_board.stopper import WheelBoardStopper
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardSession, FrameId, Wheel, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.session import CommandSession
+from segway_ecc.firmware_io.drives.wheel_board.stopper import SessionBoardStopper, WheelBoardStopper
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.faults.fault import Fault, Injections, Type
 from segway_ecc.hil.faults.stranger import Stranger
@@ -69,6 +70,35 @@ def test_a_stranger_plays_the_newest_command_that_moved_a_drive_while_it_is_aske
 
     assert [data for _, data in played] == [moves[1]] * 5
     assert [ms for ms, _ in played] == [101, 121, 141, 161, 181]
+
+
+def test_a_stranger_plays_all_frames_of_a_command_that_takes_several() -> None:
+    ns = 0
+    faults = Injections([Fault(target="stranger", type="stuck", at_s=0.1, for_s=0.1, amount=50.0)], 0, lambda: ns)
+    bus = SimulatedBus(500_000, lambda: ns)
+    node, board = bus.attach("node"), bus.attach("board")
+    stranger = Stranger(bus.attach("stranger"), SessionBoardStopper(), faults, lambda: ns)
+    faults.timeline.start()
+    session = CommandSession()
+    session.begin(1)
+    moves = session.command(WheelCommand(1.0, 1.0, enable=True))
+    announced = Frame(FrameId.BOARD_SESSION, encode(FrameId.BOARD_SESSION, BoardSession(1, 0), 0))
+    wheel = Frame(FrameId.LEFT_WHEEL, encode(FrameId.LEFT_WHEEL, Wheel(0.0, 0.0), 0))
+    played: list[Frame] = []
+    for ms in range(200):
+        ns = ms * MS
+        for at, link, frame in ((5, board, announced), (8, board, wheel), (10, node, moves[0]), (10, node, moves[1])):
+            if ms == at:
+                link.send(frame)
+                if link is board:
+                    stranger.overhear(frame)
+        while stranger.next_ns is not None and stranger.next_ns <= ns:
+            stranger.act()
+        received = node.receive()
+        played += received if ms >= 100 else []
+        board.receive()
+
+    assert [(frame.arbitration_id, frame.data) for frame in played] == [(f.arbitration_id, f.data) for f in moves] * 5
 
 
 def test_without_such_a_fault_a_stranger_does_nothing() -> None:

@@ -82,6 +82,7 @@ def test_before_a_session_nothing_is_sent(bench: Bench, sent: list[Frame]) -> No
 
 def test_in_a_session_it_sets_up_and_commands(bench: Bench) -> None:
     bench.announce(7)
+    assert bench.taken() == [ZERO, BoardSetup(0.04)], "at once: it may be asked to arm before the next status"
     bench.tell_status(watchdog_s=0.05)
     bench.driver.command((1.0, 2.0))
     assert bench.taken() == [BoardSetup(0.04), ZERO]
@@ -97,8 +98,8 @@ def test_session_that_is_announced_again_goes_on(bench: Bench) -> None:
     bench.driver.command((0.0, 0.0))
     bench.tell(FrameId.BOARD_SESSION, BoardSession(7, 0))
     bench.driver.command((0.0, 0.0))
-    assert bench.taken() == [ZERO, ZERO]
-    assert bench.session.counter == 2
+    assert bench.taken() == [ZERO, BoardSetup(0.04), ZERO, ZERO]
+    assert bench.session.counter == 4
 
 
 def test_disabled_it_enters_the_session_that_the_board_begins(bench: Bench) -> None:
@@ -106,7 +107,7 @@ def test_disabled_it_enters_the_session_that_the_board_begins(bench: Bench) -> N
     bench.driver.command((0.0, 0.0))
     bench.announce(8, 3)
     bench.driver.command((0.0, 0.0))
-    assert bench.taken() == [ZERO]
+    assert bench.taken() == [ZERO, BoardSetup(0.04), ZERO], "what was sent in the session before is refused"
     assert bench.driver.health["session"] == "8"
 
 
