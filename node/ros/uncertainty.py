@@ -104,22 +104,14 @@ class OdometryUncertainty:
     def _move(self, dx: float, dy: float, turn: float) -> None:
         xx, xy, xh, yy, yh, hh = self.pose
         way = math.hypot(dx, dy)
-        # Of the increment as the heading turns: (-dy, dx) for each radian.
-        xx, xy, yy = (
-            xx - 2.0 * dy * xh + dy * dy * hh,
-            xy + dx * xh - dy * yh - dx * dy * hh,
-            yy + dx * (2.0 * yh + dx * hh),
-        )
-        xh, yh = xh - dy * hh, yh + dx * hh
         spread = _WAY * way
-        self.pose = Pose(
-            min(xx + spread, _LARGEST),
-            max(min(xy, _LARGEST), -_LARGEST),
-            max(min(xh, _LARGEST), -_LARGEST),
-            min(yy + spread, _LARGEST),
-            max(min(yh, _LARGEST), -_LARGEST),
-            min(hh + _TURN_PER_METRE * way + _TURN_PER_RADIAN * abs(turn), _LARGEST),
-        )
+        # Of the increment as the heading turns: (-dy, dx) for each radian.
+        x_turned, y_turned = xh - dy * hh, yh + dx * hh
+        xx, yy = xx - dy * (xh + x_turned) + spread, yy + dx * (yh + y_turned) + spread
+        xy += dx * xh - dy * y_turned
+        hh += _TURN_PER_METRE * way + _TURN_PER_RADIAN * abs(turn)
+        if xx + yy + hh < _LARGEST:  # else a pose has leapt beyond all that means anything
+            self.pose = Pose(xx, xy, x_turned, yy, y_turned, hh)
 
     def _add_slip(self, slipped: float, turned: float, heading: float) -> None:
         """Add what may have been slipped along the heading, m, and turned, rad, to the standard deviations."""

@@ -131,6 +131,14 @@ def test_without_turns_the_clock_goes_on_by_itself(start: Start, foreign: Ask) -
     assert reason == "'use_sim_time' must be true: this robot is simulated, and runs by the time that is on /clock"
 
 
+@pytest.mark.parametrize("robot", ["cart-hoverboard", "segway-moteus", "arm"])
+def test_a_robot_on_any_line_is_armed_on_simulated_time(start: Start, robot: str) -> None:
+    found = result(start("robot", "lock-step", robot, "--speed", "1000", "--duration", "2", "--json"))
+    assert found["simulated_s"] == 2.0
+    assert found["diagnostics"][f"{robot}: mode"]["mode"] == "ARMED"
+    assert found["refused_frames"] == 0
+
+
 NO_SIM_TIME = (
     "'use_sim_time' must be false: this robot runs by its machine's clock; simulate it by one of its own, which it "
     "publishes on /clock, with segway-ecc lock-step ROBOT"

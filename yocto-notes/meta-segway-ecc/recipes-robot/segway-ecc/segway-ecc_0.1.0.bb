@@ -101,6 +101,7 @@ RDEPENDS:${PN}-ros = "\
     sensor-msgs \
     std-msgs \
     std-srvs \
+    tf2-msgs \
     trajectory-msgs \
 "
 RDEPENDS:${PN}-station = "\
