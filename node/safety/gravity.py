@@ -26,8 +26,9 @@ _UPRIGHT: Final = 0.4
 _LEAST_HELD: Final = 0.5 * GRAVITY
 _MOST_HELD: Final = 2.0 * GRAVITY
 """A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
-_RESTS_S: Final = 1.0
-"""A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow."""
+_RESTS_S: Final = 0.5
+"""A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow. For
+so long it must be still before it arms, too; what a landing leaves shows up to 0.8 s after it."""
 
 
 class GravityCheck(Check):
@@ -45,7 +46,7 @@ class GravityCheck(Check):
     nothing is learnt.
 
     What a hard landing leaves in the observer would be taken for an offset for some seconds. So while it is, and the
-    robot rests with a gyro that reads less than that, it begins anew after a second.
+    robot rests with a gyro that reads less than that, it begins anew after half a second.
 
     Attributes:
         is_credible: Whether the newest sample goes with those before; it does not where none does.
