@@ -118,10 +118,7 @@ class GravityCheck(Check):
             return lost
         if not far <= most:
             self._is_running = self.is_credible = False
-            return (
-                f"the IMU does not measure how the robot moves: against gravity and the wheels it is off by {far:.2f} "
-                f"m/s, beyond {most:g} m/s"
-            )
+            return f"{self._suspect}: against gravity and the wheels it is off by {far:.2f} m/s, beyond {most:g} m/s"
         self._far = far
         if view.spins:  # nothing is learnt
             elapsed_s = 0.0
@@ -145,6 +142,13 @@ class GravityCheck(Check):
         axle = self._spin.look(left, right, shown, periods, balances=balances, is_held=is_held, is_idle=is_idle)
         view.spins = self._spin.is_on
         return axle
+
+    @property
+    def _suspect(self) -> str:
+        """What is known where IMU and wheels do not agree: a wheel that lost the floor may be why."""
+        if self._spin is not None and self._spin.was_on:
+            return "a wheel has lost the floor, and the IMU does not show how the robot moves since"
+        return "the IMU does not measure how the robot moves"
 
     def _judge_offset(self, values: Sequence[float], periods: int) -> str | None:
         """What is wrong with the gyro's offset, so many periods after it was judged last."""

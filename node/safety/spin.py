@@ -74,7 +74,13 @@ class SpinWatch:
         self.fault: str | None = None
         self._left, self._right, self._shown, self._turn = left, right, 0.0, 0.0
         self._up = self._since = self._spent = self._lasts = self._alike = 0
+        self._over = self._within
         self._unfelt = self._likely = self._idle = 0
+
+    @property
+    def was_on(self) -> bool:
+        """Whether a wheel spins, or did within the last second."""
+        return self.is_on or self._over < self._within
 
     def look(  # noqa: PLR0913 - what there is of a cycle
         self, left: float, right: float, shown: float, periods: int, *, balances: bool, is_held: bool, is_idle: bool
@@ -89,6 +95,7 @@ class SpinWatch:
         rest = abs(left) < _RESTS and abs(right) < _RESTS
         self._left, self._right, self._shown, self.fault = left, right, shown, None
         self._since += periods
+        self._over = 0 if self.is_on else self._over + periods
         self._up = self._up + periods if balances else 0
         self._look_for_unfelt(left_gain, right_gain, felt, periods)
         self._idle = self._idle + periods if is_idle else 0

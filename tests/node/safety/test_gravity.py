@@ -495,6 +495,21 @@ def test_it_counts_without_the_setting_and_for_a_robot_that_has_not_been_up_for_
     assert None not in list(looks_up(check, [SPINS]))
 
 
+@pytest.mark.parametrize(
+    ("wait", "reason"),
+    [
+        (0, "a wheel has lost the floor, and the IMU does not show how the robot moves since: against gravity and the"),
+        (1000, "the IMU does not measure how the robot moves: against gravity and the wheels it is off by"),
+    ],
+)
+def test_the_reason_says_whether_a_wheel_lost_the_floor_before(wait: int, reason: str) -> None:
+    check = of_a_robot_that_is_up(SPINNING)
+    assert set(looks_up(check, [SPINS] * 5 + [REST] * (wait + 1))) == {None}
+    fault = check.look(View(SPINS, (True,) * 5, 1))
+    assert fault is not None
+    assert fault.startswith(reason)
+
+
 def test_the_other_wheel_of_a_body_that_turns_shows_how_the_axle_moves() -> None:
     swing = list(moving(lambda t: 0.1 * math.sin(5.0 * t), lambda _: 0.0, 1.3))
     for step in range(1246, 1267):  # as it turns fastest, by 0.5 rad/s

@@ -282,3 +282,23 @@ def test_it_forgets_what_was_as_it_begins_anew() -> None:
     watch.begin(2.0, 2.0)
     assert look(watch, 4.0, 4.0) == 4.0
     assert not watch.is_on
+
+
+@pytest.mark.parametrize(("periods", "was_on"), [(BEFORE - 1, True), (BEFORE, False)])
+def test_a_spin_is_remembered_for_a_second(periods: int, *, was_on: bool) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    assert not watch.was_on
+    look(watch, 2.0, 0.0)
+    assert watch.was_on
+    look(watch, 0.0, 0.0)
+    assert (watch.is_on, watch.was_on) == (False, True)
+    for _ in range(periods):
+        look(watch, 0.0, 0.0)
+    assert watch.was_on is was_on
+
+
+def test_one_that_begins_anew_remembers_no_spin() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    look(watch, 2.0, 0.0)
+    watch.begin(0.0, 0.0)
+    assert not watch.was_on
