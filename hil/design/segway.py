@@ -88,6 +88,7 @@ def design(p: SegwayParameters, period_s: float, delay: int) -> Design:
         "HeadingGain": heading,
         "YawRateGain": yaw_rate,
         "TorquePerYawAcceleration": 2.0 * p.wheel_radius * inertias.turning / p.track,
+        "SwingLength": inertias.pitching / inertias.coupling,
     }
     return Design(gains, balance, yaw)
 

@@ -53,6 +53,16 @@ _BODY: Final = (
         minimum=0.0,
         maximum=1000.0,
     ),
+    Variable(
+        "SwingLength",
+        "m",
+        PUBLISHED.body_height_of_centre
+        + PUBLISHED.body_pitch_inertia / (PUBLISHED.body_mass * PUBLISHED.body_height_of_centre),
+        Write.STATIC,
+        "how high above the axle a blow to the body leaves the axle at rest: J / (m l)",
+        minimum=0.01,
+        maximum=10.0,
+    ),
 )
 _MOTOR: Final = tuple(
     v for v in VARIABLES if v.name in {"MotorResistance", "MotorConstant", "GearRatio", "SupplyVoltage"}

@@ -17,14 +17,17 @@ wheel slips all is as the wheels roll, to the last bit. As in ABS and traction c
 reference velocity: Gustafsson, "Slip-based tire-road friction estimation", Automatica 33 (1997).
 
 An IMU that fails looks like slip. By what is felt, slip is looked for only where wheels are given the torque that makes
-them slip. While it balances, a wheel must show by itself that it has lost the floor: it gains speed as its torque gives
-to none that carries the robot, and as the momentum of axle and body, M v + m l q cos(pitch), does not. An edge that
-stops the axle makes the body turn, and that sum stays nearly the same; friction changes it by no more than some m/s2.
-Until both wheels roll again, and no longer than 0.15 s, the axle's velocity is what keeps the momentum, drawn to the
-wheel that is nearer to it. With the gain for a steady acceleration, PitchPerAcceleration = (m l + M r) / (m g l), the
-momentum for each M is
+them slip. While it balances, the body itself shows how the axle moves, whatever the ground does to the wheels: what
+the ground gives passes through the axle and has no moment about it. With the torque T of both wheels,
 
-    v + k q cos(pitch)        k = m l / M = r / (g PitchPerAcceleration - 1)
+    J dq/dt + m l a cos(pitch) = m g l sin(pitch) - T        a = (g sin(pitch) - T / (m l) - L dq/dt) / cos(pitch)
+
+where L = J / (m l), SwingLength, is how high above the axle a blow leaves the axle at rest, and 1 / (m l) follows from
+the gains for a steady acceleration: m l g PitchPerAcceleration = m l + TorquePerAcceleration. A blow that stops the
+axle turns the body, and in one sample both are known. It is used while a wheel is not to be believed, which the wheels
+must show by themselves: one gains speed as its torque gives to none that carries the robot, and as the body does not
+show; or both lose some of it as the body shows that the axle was stopped. Until both wheels roll again, and no longer
+than 0.5 s, the axle goes as the body shows, drawn to the wheel that is nearer to it.
 
 Both wheels spin so where the robot slips, leaps or is lifted. What tells them apart is Newton's second law: an
 accelerometer feels all forces on the body but its weight. A body that leaps feels none, one that stands or is held
@@ -65,10 +68,13 @@ _OFF_SHARE: Final = 0.5
 """By this part of what it gains, the momentum is off at least."""
 _JUMP: Final = 3.0 * STANDARD_GRAVITY
 """What changes the momentum faster, m/s2, is no motion of the robot: friction gives 1 g, a push 1.4 g."""
-_LONGEST_FREE_S: Final = 0.15
-"""How long a wheel may be without the floor, s: a hop of 3 cm takes as long. Then the wheels are believed again."""
-_DRAWN_TO_WHEELS: Final = 6.0
-"""How fast the momentum is drawn to the wheels meanwhile, m/s2: what a tyre gives on an ordinary floor."""
+_LOST_SHARE: Final = 0.1
+"""Wheels lose at least this part of what the axle does by a blow, in the sample that shows it: their speed is filtered,
+and one may be in the air."""
+_LONGEST_FREE_S: Final = 0.5
+"""How long wheels may not be believed, s: to climb an edge of 1 cm takes 0.3 s. Then they are believed again."""
+_DRAWN_TO_WHEELS: Final = 3.0
+"""How fast that is drawn to the wheels, m/s2: more than what wrong pitch, torque and payload add up to."""
 _ALIKE: Final = 0.8
 """Wheels spin alike that differ by less than this part of the faster one's: at an edge they bounce in turns."""
 _HARDLY: Final = 20.0
@@ -84,6 +90,8 @@ _SURE: Final = 2.0
 """So many times a moment counts in which wheels spin with less than that."""
 _LEAST_LEAN: Final = 1.02
 """PitchPerAcceleration times gravity is more than one for any robot; nearer to it the wheels weigh next to nothing."""
+_LEAST_PER_ACCELERATION: Final = 1e-3
+"""TorquePerAcceleration is more for any robot, N m s2/m."""
 
 
 class SegwayMeasurement(Value, frozen=True):
@@ -117,9 +125,10 @@ class Estimate(Value, frozen=True):
         felt_velocity: The velocity by the accelerometer, drawn to the wheels', m/s.
         left_slip, right_slip: How much faster a wheel turns than the robot moves there, m/s, beyond what is uncertain.
         left_tread, right_tread: Velocity of each wheel's tread against the body, m/s.
-        free: How long a wheel has been without the floor, s; zero while both roll.
+        free: How long a wheel has been without the floor, or stopped by an edge, s; zero while both roll.
         lifted: How long both have been, alike, while something else carries the body, s; sure moments count twice.
         pushed: The largest sum of torques that may act still, either way, N m.
+        falling: How long the body has felt less than half its weight while a wheel has no floor, s.
     """
 
     since: float = 0.0
@@ -143,6 +152,7 @@ class Estimate(Value, frozen=True):
     free: float = 0.0
     lifted: float = 0.0
     pushed: float = 0.0
+    falling: float = 0.0
 
     @property
     def rolled(self) -> float:
@@ -164,7 +174,8 @@ class Estimator:
         self._half_track = 0.5 * p["Track"]
         self._felt_part = period / _FELT_TIME_S
         lean = max(p["PitchPerAcceleration"] * STANDARD_GRAVITY, _LEAST_LEAN)
-        self._swing = p["WheelRadius"] / (lean - 1.0)
+        self._swing = p["SwingLength"]
+        self._per_moment = (lean - 1.0) / max(p["TorquePerAcceleration"], _LEAST_PER_ACCELERATION)
         self._hardly, self._steady = _HARDLY * period, _STEADY * period
         self._jump, self._drawn_most = _JUMP * period, _DRAWN_TO_WHEELS * period
         self._yaw_rate_per_speed = p["WheelRadius"] / p["Track"]
@@ -210,15 +221,20 @@ class Estimator:
                 felt = self._felt(e, m, pitch_rate, rolled)
             else:
                 pushed = max(abs(sent), _PUSHED_STILL * e.pushed)
-                kept = e.felt_velocity - self._swing * cos_pitch * (pitch_rate - e.pitch_rate)
-                free = self._freed(e, (left_tread, right_tread), (left - kept, right - kept), copysign(pushed, sent))
-                if free:
-                    felt = kept + within(min(left - kept, right - kept, key=abs), self._drawn_most)
+                fall = period * (STANDARD_GRAVITY * sin_pitch - sent * self._per_moment)
+                swung = (fall - self._swing * (pitch_rate - e.pitch_rate)) / cos_pitch
+                kept = e.felt_velocity + swung
+                off = left - kept, right - kept
+                free = self._freed(e, (left_tread, right_tread), off, copysign(pushed, sent), swung)
+                felt = kept + within(min(off, key=abs), self._drawn_most)
             if may_slip or free:
                 left_slip, right_slip = _beyond(left - felt, _UNCERTAIN_SPEED), _beyond(right - felt, _UNCERTAIN_SPEED)
         slips = left_slip != 0.0 or right_slip != 0.0
-        lifted = self._lifted(e, m, (left_tread, right_tread), (left_slip, right_slip), pushed) if free else 0.0
-        velocity = rolled - 0.5 * (left_slip + right_slip)
+        lifted = falling = 0.0
+        if free:
+            lifted = self._lifted(e, m, (left_tread, right_tread), (left_slip, right_slip), pushed)
+            falling = e.falling + period if hypot(m.acceleration_x, m.acceleration_z) < _LEAST_HELD else 0.0
+        velocity = felt if free else rolled - 0.5 * (left_slip + right_slip)
         still = abs(pitch_rate) < _STILL_RATE and abs(velocity) < _STILL_SPEED
 
         # How far the accelerometer's "up" is from the estimate, rad, without what the robot's own motion adds.
@@ -240,7 +256,7 @@ class Estimator:
         yaw_rate, yaw_bias = self._yaw(gyro, wheels, e.yaw_bias, still_at_rest=still and resting)
 
         rotation = _rotation(m, pitch)
-        step = period * velocity if slips else self._radius * (rotation - e.rotation)
+        step = period * velocity if slips or free else self._radius * (rotation - e.rotation)
         heading = e.heading + period * yaw_rate
         middle = 0.5 * (e.heading + heading)
         return Estimate(  # in the order of the fields: by their names takes four times as long
@@ -265,25 +281,33 @@ class Estimator:
             free,
             lifted,
             pushed,
+            falling,
         )
 
-    def _freed(self, e: Estimate, treads: tuple[float, float], off: tuple[float, float], sent: float) -> float:
-        """How long a wheel has been without the floor, s.
+    def _freed(
+        self, e: Estimate, treads: tuple[float, float], off: tuple[float, float], sent: float, swung: float
+    ) -> float:
+        """How long a wheel has been without the floor, or stopped, s.
 
         Args:
             e: The estimate before.
             treads: Velocities of both treads against the body, m/s.
-            off: By how much the momentum is off if the left wheel rolls, and if the right one does, m/s.
+            off: By how much the axle is off if the left wheel rolls, and if the right one does, m/s.
             sent: Sum of the torques that act on them, N m.
+            swung: By how much faster than before the body shows the axle to be, m/s.
         """
         left_off, right_off = off
         if e.free:
             jump = self._jump
             rolls = -jump < left_off < jump and -jump < right_off < jump
             return e.free + self._period if e.free < _LONGEST_FREE_S and not rolls else 0.0
-        way = copysign(1.0, sent)
-        left, right = way * (treads[0] - e.left_tread), way * (treads[1] - e.right_tread)
+        left, right = treads[0] - e.left_tread, treads[1] - e.right_tread
         most = self._period * (_FREE + _FREE_PER_TORQUE * abs(sent))
+        back = -copysign(1.0, e.velocity)
+        if back * swung > most and 0.5 * (left + right) * back > _LOST_SHARE * back * swung:  # it was stopped
+            return self._period
+        way = copysign(1.0, sent)
+        left, right = way * left, way * right
         if left <= most and right <= most:  # nearly always
             return 0.0
         left_spins = left > most and way * left_off > _OFF_SHARE * left

@@ -15,10 +15,13 @@ To stand up takes nearly all that a tyre carries on an ordinary floor, and a whe
 periods. So each wheel begins with part of its torque and is given more while it rolls. One that slips has more than its
 tyre carries, and loses grip by it: it is given less, the longer and the faster it slips.
 
-A robot that drives against an edge stops, and its body falls on over it. To be caught it must climb at once. The law
-above would do the opposite: it lets the body fall, to catch up with the reference on wheels that roll. So from where a
-wheel loses the floor, the reference waits for the robot, at nearly its speed. That wheel is sent less the faster it
-spins, and is braked before it lands. Where both spin the same way, both are braked.
+A robot that drives against an edge stops, and its body falls on over it. To be caught it must climb at once, with all
+torque: that holds the body back, and what is taken from the body presses the wheels over the edge. The law above would
+do the opposite: it lets the body fall, to catch up with the reference on wheels that roll. So from where a wheel is
+stopped or loses the floor, the reference waits for the robot, at nearly its speed, and the pitch rate counts for more.
+Wheels bounce on an edge, in turns. One that is held back whenever it spins has no grip where it lands: so each may spin
+by 1 m/s, and is sent less the faster it spins beyond that, and is braked at last. Both are braked where the body falls
+freely.
 
 A robot that is lifted has nothing to balance on. Its wheels are braked until they rest against the body, and then the
 motors give nothing. A wheel with the inertia J that is sent u = -k v for the speed v = r w of its tread stops by
@@ -77,9 +80,16 @@ _HELD_S: Final = 0.2
 _HELD_SPEED: Final = 0.8
 """Part of the robot's speed that the reference has meanwhile."""
 _SPINS: Final = 1.0
-"""A wheel that slips faster, m/s, is braked."""
+"""A wheel may slip as fast while it balances, m/s: one that is sent all its torque as it lands has its grip at once."""
+_SPIN_LEAD: Final = 1.0
+"""Periods by which such a slip is foreseen; by more, wheels that bounce on an edge are sent next to nothing."""
+_CATCH: Final = 1.5
+"""Times its gain the pitch rate counts while the reference waits: a body that an edge threw ahead is to be stopped
+before the wheels have climbed. The gains were designed for wheels that get under it at once."""
+_FALLS_S: Final = 0.015
+"""A body that has felt no weight for so long, s, falls off an edge: one that bounces on an edge does for less."""
 _BRAKE_PER_SLIP: Final = 0.25
-"""Torque that brakes it, N s: with two periods of delay, a wheel of 1.7e-4 kg m2 stops without swinging."""
+"""Torque that brakes both wheels then, N s: with two periods of delay, one of 1.7e-4 kg m2 stops without swinging."""
 _LARGEST_BRAKE: Final = 0.45
 """The most of it, N m: less than safety counts as oscillation."""
 _LIFTED_S: Final = 0.02
@@ -289,14 +299,14 @@ class Law:
     def ramped(self, motion: Motion, e: Estimate, linear: float, angular: float) -> Motion:
         """Move the reference for one period towards the set-points, m/s and rad/s, not further ahead than allowed.
 
-        It waits for a robot whose wheel slips, as one without the floor does, and for a while afterwards.
+        It waits for a robot whose wheel was stopped or has no floor, and for a while afterwards.
         """
         linear, angular = within(linear, self._max_speed), within(angular, self._max_yaw_rate)
         velocity, acceleration = self._ramp(motion.velocity, motion.acceleration, linear, self._max_acceleration)
         yaw_rate, yaw_acceleration = self._ramp(
             motion.yaw_rate, motion.yaw_acceleration, angular, self._max_yaw_acceleration
         )
-        held = _HELD_S if e.left_slip != 0.0 or e.right_slip != 0.0 else max(motion.held - self._period, 0.0)
+        held = _HELD_S if e.free != 0.0 else max(motion.held - self._period, 0.0)
         if held:
             motion = replace(motion, travel=e.travel)
             velocity, acceleration = _HELD_SPEED * within(e.velocity, self._max_speed), 0.0
@@ -356,7 +366,7 @@ class Law:
             - self._travel_gain * error
             - self._velocity_gain * (e.velocity - motion.velocity)
             - self._pitch_gain * (e.pitch - self._pitch_per_acceleration * acceleration)
-            - self._pitch_rate_gain * e.pitch_rate
+            - self._pitch_rate_gain * (_CATCH * e.pitch_rate if motion.held else e.pitch_rate)
             - self._sent_gain * (last - ahead)
             - self._sent_before_gain * (motion.sent_before - ahead)
             - self._integral_gain * integral
@@ -441,7 +451,7 @@ def torques(motion: Motion) -> tuple[float, float]:
 
 def _spinning(motion: Motion, e: Estimate, limit: float) -> Motion:
     """What is sent to wheels of which one spins, of no more than `limit`, N m, to each."""
-    if e.left_slip * e.right_slip > 0.0:
+    if e.falling >= _FALLS_S:
         left, right = _braking(e.left_slip, limit), _braking(e.right_slip, limit)
     else:
         left, right = torques(motion)
@@ -454,12 +464,9 @@ def _held_back(torque: float, limit: float, slip: float, before: float) -> float
     """What of a torque is sent to a wheel that slips, m/s, and slipped so much in the period before."""
     if slip * torque <= 0.0:
         return within(torque, limit)
-    size = abs(slip)
-    if size > _SPINS:
-        return _braking(slip, limit)
-    foreseen = size + _SLIP_LEAD * (size - abs(before))
-    left = limit - _SLIP_GAIN * max(foreseen, 0.0)
-    return within(torque, left) if left >= 0.0 else -copysign(min(-left, limit), torque)
+    foreseen = abs(slip) + _SPIN_LEAD * (abs(slip) - abs(before))
+    left = limit - _SLIP_GAIN * max(foreseen - _SPINS, 0.0)
+    return within(torque, left) if left >= 0.0 else -copysign(min(-left, _LARGEST_BRAKE, limit), torque)
 
 
 def _braking(slip: float, limit: float) -> float:

@@ -26,8 +26,9 @@ _UPRIGHT: Final = 0.4
 _LEAST_HELD: Final = 0.5 * GRAVITY
 _MOST_HELD: Final = 2.0 * GRAVITY
 """A body that feels less, m/s2, falls freely; one that feels more was struck by the floor, and not lifted."""
-_RESTS_S: Final = 1.0
-"""A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow."""
+_RESTS_S: Final = 0.5
+"""A gyro that reads next to nothing for so long, of a body that rests, is not off, s: what was learnt is of a blow. For
+so long it must be still before it arms, too; what a landing leaves shows up to 0.8 s after it."""
 
 
 class GravityCheck(Check):
@@ -45,7 +46,7 @@ class GravityCheck(Check):
     nothing is learnt.
 
     What a hard landing leaves in the observer would be taken for an offset for some seconds. So while it is, and the
-    robot rests with a gyro that reads less than that, it begins anew after a second.
+    robot rests with a gyro that reads less than that, it begins anew after half a second.
 
     Attributes:
         is_credible: Whether the newest sample goes with those before; it does not where none does.
@@ -117,10 +118,7 @@ class GravityCheck(Check):
             return lost
         if not far <= most:
             self._is_running = self.is_credible = False
-            return (
-                f"the IMU does not measure how the robot moves: against gravity and the wheels it is off by {far:.2f} "
-                f"m/s, beyond {most:g} m/s"
-            )
+            return f"{self._suspect}: against gravity and the wheels it is off by {far:.2f} m/s, beyond {most:g} m/s"
         self._far = far
         if view.spins:  # nothing is learnt
             elapsed_s = 0.0
@@ -144,6 +142,13 @@ class GravityCheck(Check):
         axle = self._spin.look(left, right, shown, periods, balances=balances, is_held=is_held, is_idle=is_idle)
         view.spins = self._spin.is_on
         return axle
+
+    @property
+    def _suspect(self) -> str:
+        """What is known where IMU and wheels do not agree: a wheel that lost the floor may be why."""
+        if self._spin is not None and self._spin.was_on:
+            return "a wheel has lost the floor, and the IMU does not show how the robot moves since"
+        return "the IMU does not measure how the robot moves"
 
     def _judge_offset(self, values: Sequence[float], periods: int) -> str | None:
         """What is wrong with the gyro's offset, so many periods after it was judged last."""

@@ -19,7 +19,8 @@ _IDLE_S: Final = 0.02
 _WITHIN_S: Final = 1.0
 """Spins that are further apart do not add up, s; and for so long the robot must have been up, since before it slips."""
 _MOST_S: Final = 0.5
-"""Longer than that in sum is a fault, s."""
+_MOST_SPINS: Final = 2.0
+"""Longer in sum than the greater of that, s, and so many of the longest spin is a fault."""
 _FASTEST: Final = 10.0
 """No wheel gets that fast, m/s, while it is without the floor: what is said to be faster is no wheel, and counts."""
 _LIFTED_S: Final = 0.03
@@ -60,7 +61,8 @@ class SpinWatch:
         self._most_gain = _FREE * period_s
         self._longest = periods_in(longest_s, period_s)
         self._within = periods_in(_WITHIN_S, period_s)
-        self._most = periods_in(_MOST_S, period_s)
+        self._most_s = max(_MOST_S, _MOST_SPINS * longest_s)
+        self._most = periods_in(self._most_s, period_s)
         self._most_alike = periods_in(_LIFTED_S, period_s)
         self._hardly = _HARDLY * period_s
         self._likely_for, self._most_idle = periods_in(_LIKELY_S, period_s), periods_in(_IDLE_S, period_s)
@@ -70,10 +72,17 @@ class SpinWatch:
         self.fault: str | None = None
         self._left = self._right = self._shown = self._turn = 0.0
         self._up = self._since = self._spent = self._lasts = self._alike = self._unfelt = self._likely = self._idle = 0
+        self._over = self._within
 
     def begin(self) -> None:
-        """Begin anew: all that counts is learnt again before the robot has been up for long enough to spin."""
-        self._up = 0
+        """Begin anew: all else that counts is learnt again before the robot has been up for long enough to spin."""
+        self.is_on = False
+        self._up, self._over = 0, self._within
+
+    @property
+    def was_on(self) -> bool:
+        """Whether a wheel spins, or did within the last second."""
+        return self.is_on or self._over < self._within
 
     def look(  # noqa: PLR0913 - what there is of a cycle
         self, left: float, right: float, shown: float, periods: int, *, balances: bool, is_held: bool, is_idle: bool
@@ -88,6 +97,7 @@ class SpinWatch:
         rest = abs(left) < _RESTS and abs(right) < _RESTS
         self._left, self._right, self._shown, self.fault = left, right, shown, None
         self._since += periods
+        self._over = 0 if self.is_on else self._over + periods
         self._up = self._up + periods if balances else 0
         self._idle = self._idle + periods if is_idle else 0
         self._look_for_unfelt(left_gain, right_gain, felt, periods)
@@ -162,7 +172,7 @@ class SpinWatch:
             self._is_lifted, self._likely = False, 0
             self.fault = "both wheels have lost the floor: the robot is lifted"
         elif self._spent > self._most:
-            self.fault = f"wheels have no floor for more than {_MOST_S:g} s in a second"
+            self.fault = f"wheels have no floor for more than {self._most_s:g} s in all"
 
 
 def _are_alike(left: float, right: float) -> bool:

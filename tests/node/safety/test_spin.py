@@ -267,7 +267,7 @@ def test_spins_that_add_up_to_more_than_half_a_second_are_a_fault(apart: int, *,
         for _ in range(apart):
             look(watch, 0.0, 0.0, shown=0.0)
     assert faults[:5] == [None] * 5
-    assert (faults[5] == "wheels have no floor for more than 0.5 s in a second") is adds_up
+    assert (faults[5] == "wheels have no floor for more than 0.5 s in all") is adds_up
 
 
 @pytest.mark.parametrize("speed", [11.0, -11.0, 1.7e308, math.inf, math.nan])
@@ -507,3 +507,38 @@ def test_what_spins_as_the_robot_was_just_found_lifted_is_judged_by_itself() -> 
         faults.append(watch.fault)
     assert faults == [LIFTED, None, None]
     assert not watch.is_on
+
+
+@pytest.mark.parametrize(("periods", "was_on"), [(BEFORE - 1, True), (BEFORE, False)])
+def test_a_spin_is_remembered_for_a_second(periods: int, *, was_on: bool) -> None:
+    watch = watch_of_a_robot_that_is_up()
+    shown = [watch.was_on]
+    for speed in (2.0, 0.0):
+        look(watch, speed, 0.0)
+        shown.append(watch.was_on)
+    assert (watch.is_on, shown) == (False, [False, True, True])
+    for _ in range(periods):
+        look(watch, 0.0, 0.0)
+    assert watch.was_on is was_on
+
+
+def test_one_that_begins_anew_remembers_no_spin() -> None:
+    watch = watch_of_a_robot_that_is_up()
+    look(watch, 2.0, 0.0)
+    watch.begin()
+    assert not watch.was_on
+
+
+@pytest.mark.parametrize(("longest_s", "most_s"), [(0.1, 0.5), (0.25, 0.5), (0.3, 0.6), (0.5, 1.0)])
+def test_spins_may_add_up_to_half_a_second_or_to_two_of_the_longest(longest_s: float, most_s: float) -> None:
+    watch = SpinWatch(longest_s, 0.4, PERIOD_S)
+    for _ in range(BEFORE):
+        look(watch, 0.0, 0.0)
+    faults = []
+    for _ in range(round(most_s / longest_s) + 1):
+        look(watch, 2.0, 0.0)
+        spins_for(watch, 2.0, 0.0)
+        faults.append(watch.fault)
+        look(watch, 0.0, 0.0)
+    assert faults[-1] == f"wheels have no floor for more than {most_s:g} s in all"
+    assert set(faults[:-1]) == {None}
