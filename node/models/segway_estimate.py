@@ -226,7 +226,8 @@ class Estimator:
                 kept = e.felt_velocity + swung
                 off = left - kept, right - kept
                 free = self._freed(e, (left_tread, right_tread), off, copysign(pushed, sent), swung)
-                felt = kept + within(min(off, key=abs), self._drawn_most)
+                # While the wheels are believed, so fast that a late IMU leaves nothing behind.
+                felt = kept + within(min(off, key=abs), self._drawn_most if free else _FREE * period)
             if may_slip or free:
                 left_slip, right_slip = _beyond(left - felt, _UNCERTAIN_SPEED), _beyond(right - felt, _UNCERTAIN_SPEED)
         slips = left_slip != 0.0 or right_slip != 0.0

@@ -147,7 +147,7 @@ class GravityCheck(Check):
     def _suspect(self) -> str:
         """What is known where IMU and wheels do not agree: a wheel that lost the floor may be why."""
         if self._spin is not None and self._spin.was_on:
-            return "a wheel has lost the floor, and the IMU does not show how the robot moves since"
+            return "a wheel spun as without a floor, and the IMU does not show how the robot moves since"
         return "the IMU does not measure how the robot moves"
 
     def _judge_offset(self, values: Sequence[float], periods: int) -> str | None:

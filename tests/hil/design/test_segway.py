@@ -45,6 +45,14 @@ def test_the_lean_and_torque_of_an_acceleration_hold_the_pitch() -> None:
     assert rates[3, 0] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_the_body_shows_how_the_axle_moves_by_the_swing_length_and_the_torque() -> None:
+    gains, g = design(PUBLISHED, 0.005, 2).gains, PUBLISHED.gravity
+    a, b = balance_model(PUBLISHED)
+    per_moment = (g * gains["PitchPerAcceleration"] - 1.0) / gains["TorquePerAcceleration"]
+    assert b[1, 0] + gains["SwingLength"] * b[3, 0] == pytest.approx(-per_moment, rel=1e-9)
+    assert a[1, 2] + gains["SwingLength"] * a[3, 2] == pytest.approx(g, rel=1e-9)
+
+
 def test_the_torque_of_a_yaw_acceleration_gives_it() -> None:
     gains = design(PUBLISHED, 0.005, 2).gains
     assert yaw_model(PUBLISHED).b[1, 0] * gains["TorquePerYawAcceleration"] == pytest.approx(1.0, rel=1e-9)

@@ -75,8 +75,8 @@ def test_as_the_body_shows_the_axle_to_move_it_is_believed_to_while_the_wheels_r
     fall = PERIOD * (STANDARD_GRAVITY * sin(0.1) - 0.2 * PER_MOMENT)
     e = estimated(replace(UP, pitch=0.1), measured(fall / cos(0.1), fall / cos(0.1)), 0.2)
     assert e.felt_velocity == pytest.approx(fall / cos(0.1))
-    e = estimated(UP, measured(0.06, 0.06), 0.2)
-    assert e.felt_velocity == pytest.approx(PERIOD * (3.0 - 0.2 * PER_MOMENT)), "or drawn to them by 3 m/s2"
+    e = estimated(UP, measured(0.07, 0.07), 0.2)
+    assert e.felt_velocity == pytest.approx(PERIOD * (12.0 - 0.2 * PER_MOMENT)), "or drawn to them by 12 m/s2"
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

@@ -498,7 +498,7 @@ def test_it_counts_without_the_setting_and_for_a_robot_that_has_not_been_up_for_
 @pytest.mark.parametrize(
     ("wait", "reason"),
     [
-        (0, "a wheel has lost the floor, and the IMU does not show how the robot moves since: against gravity and the"),
+        (0, "a wheel spun as without a floor, and the IMU does not show how the robot moves since: against gravity"),
         (1000, "the IMU does not measure how the robot moves: against gravity and the wheels it is off by"),
     ],
 )
