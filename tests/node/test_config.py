@@ -98,7 +98,7 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "setpoint: {timeout: 1}",
-            "Object contains unknown field `timeout` at setpoint; the keys there are horizon_s, "
+            "Object contains unknown field `timeout` at setpoint; the keys there are beyond_limits, horizon_s, "
             "max_angular_velocity, max_linear_velocity, stamp_tolerance_s, timeout_s",
             id="unknown key in a section",
         ),

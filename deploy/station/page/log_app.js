@@ -100,8 +100,8 @@ function listen() {
   visible(byId("copy-link"), Boolean(navigator.clipboard)); // a browser offers it over TLS and on this machine only
   listenToKeys(player);
   blurWhatIsClicked();
-  addEventListener("hashchange", () => {
-    const next = parseLink(location.hash);
+  addEventListener("hashchange", (event) => {
+    const next = parseLink(new URL(event.newURL).hash); // by now `address` may have written another
     if (next.log === link.log && next.robot === link.robot) player.seek(next.t);
     else location.reload();
   });

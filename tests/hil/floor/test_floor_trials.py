@@ -8,7 +8,7 @@ import pytest
 
 from segway_ecc.hil.floor.contact import on_floor
 from segway_ecc.hil.floor.run import Ending, FloorResult, FloorRun, judge, run_floor_trial
-from segway_ecc.hil.floor.trials import FALLS, TrialKind, all_trials, listed_trials
+from segway_ecc.hil.floor.trials import FALLS, UP_S, TrialKind, all_trials, listed_trials
 from segway_ecc.hil.floor.trials_report import as_document, as_text, before_of, draw, rows_of, totals_of
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.config import load_robot
@@ -62,6 +62,14 @@ def test_a_robot_stands_or_ends_safe_or_is_broken(ran: Any, ending: Ending, reas
     found, why = judge(ran)
     assert found is ending
     assert why.startswith(reason)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("late_s", [0.3, 0.5, 0.7])
+def test_a_robot_that_falls_as_its_trial_ends_is_seen_to_end_safe(late_s: float) -> None:
+    trial = next(trial for trial in TRIALS if trial.kind is TrialKind.PUSH)
+    result = run_floor_trial(FloorRun("segway", trial._replace(push=300.0, push_s=0.1, duration_s=UP_S + late_s), 1))
+    assert result.ending is Ending.SAFE, result.reason
 
 
 @pytest.mark.mujoco
