@@ -18,6 +18,7 @@ from segway_ecc.firmware_io.drives.wheel_board.session import (
     CommandReceiver,
     CommandSession,
     code_of,
+    voltage_of,
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
@@ -76,6 +77,10 @@ def test_code_is_crc_32_over_session_counter_identifier_and_body() -> None:
     whole = bytes.fromhex("98badcfe040302011301aabbccdd")
     assert code_of(NUMBER, 0x01020304, 0x113, bytes.fromhex("aabbccdd")) == binascii.crc32(whole)
     assert binascii.crc32(b"123456789") == 0xCBF43926
+
+
+def test_who_looks_on_reads_the_voltage_of_a_command(ends: Ends) -> None:
+    assert [voltage_of(frame.data) for frame in ends.host.command(ON)] == pytest.approx([12.345, -6.789])
 
 
 def test_command_is_taken_with_its_second_half(ends: Ends) -> None:
