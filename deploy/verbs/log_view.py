@@ -6,12 +6,10 @@ Exit codes: 0 ended by Ctrl-C; 2 arguments; 9 the log cannot be read.
 
 import argparse
 import importlib
-import logging
-import os
-import webbrowser
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.deploy.station.local_page import LOOPBACK, add_page, check_port, open_page
 from segway_ecc.deploy.station.requirements import require_web
 from segway_ecc.deploy.station.web.site_address import bind, site_address_of, url
 from segway_ecc.node.cli.interrupts import ends_at_once
@@ -19,12 +17,8 @@ from segway_ecc.node.cli.options import add_json, print_found, stopped_by_signal
 from segway_ecc.node.errors import ConfigurationError, RecordingError
 from segway_ecc.node.logs import messages
 
-_ADDRESS: Final = "127.0.0.1"
 _PORT: Final = 8701
-_LARGEST_PORT: Final = 65_535
 _LATEST_S: Final = 1e7
-_DISPLAYS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-_logger = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,16 +26,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("log", type=Path, metavar="LOG", help="the log (MCAP); of several files, one")
     option("--at", type=float, default=0.0, metavar="S", help="the moment to begin with, since its first cycle")
-    option("--port", type=int, default=_PORT, help=f"of the page, 0 for any that is free (default: {_PORT})")
-    option("--browser", action=argparse.BooleanOptionalAction, help="open the page (default: where there is a screen)")
+    add_page(parser, _PORT)
     add_json(parser)
 
 
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
-    if not 0 <= options.port <= _LARGEST_PORT:
-        raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
+    check_port(options.port)
     if not 0.0 <= options.at <= _LATEST_S:
         raise ConfigurationError(f"--at is 0 to {_LATEST_S:g} s")
     log: Path = options.log
@@ -54,23 +46,17 @@ def run(options: argparse.Namespace) -> int:
     require_web()
     server = importlib.import_module("segway_ecc.deploy.station.web.log_server")  # only here: it needs aiohttp
     downloads = importlib.import_module("segway_ecc.deploy.station.web.downloads")
-    sockets = bind(_ADDRESS, options.port)
+    sockets = bind(LOOPBACK, options.port)
     try:
         place = site_address_of(sockets, "http", [])
         moment = f"&t={options.at:g}" if options.at else ""
-        address = f"{url(_ADDRESS, place).rstrip('/')}{downloads.player_path(log.name)}{moment}"
+        address = f"{url(LOOPBACK, place).rstrip('/')}{downloads.player_path(log.name)}{moment}"
         with messages():
-            ended_by = server.serve_log(log, sockets, place, stopped_by_signals, lambda: _open(options, address))
+            ended_by = server.serve_log(
+                log, sockets, place, stopped_by_signals, lambda: open_page(address, "it", wanted=options.browser)
+            )
     finally:
         for bound in sockets:
             bound.close()
     print_found(options, {"ended_by": ended_by, "address": address}, {"ended by": ended_by})
     return 0
-
-
-def _open(options: argparse.Namespace, address: str) -> None:
-    """Open the page where somebody can see it."""
-    has_screen = any(os.environ.get(name) for name in _DISPLAYS)
-    wanted = has_screen if options.browser is None else options.browser
-    is_open = wanted and webbrowser.open(address)
-    _logger.info("%s %s; Ctrl-C ends it", "the page is open:" if is_open else "open", address)

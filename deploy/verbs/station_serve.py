@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient
+from segway_ecc.deploy.station.local_page import check_port
 from segway_ecc.deploy.station.requirements import require_station
 from segway_ecc.deploy.station.ros_bridge import ros_network
 from segway_ecc.deploy.station.station import Station
@@ -29,7 +30,6 @@ from segway_ecc.node.logs import messages
 
 PLAIN_HTTP: Final = "plain HTTP: whoever is on this network can read the token and use it; give --certificate and --key"
 _PORT: Final = 8700
-_LARGEST_PORT: Final = 65_535
 _LONGEST_NAME: Final = 80
 _logger = logging.getLogger(__name__)
 
@@ -66,8 +66,7 @@ def show_tokens(tokens: Mapping[Role, str]) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    if not 0 <= options.port <= _LARGEST_PORT:
-        raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
+    check_port(options.port)
     if options.key is not None and options.certificate is None:
         raise ConfigurationError("--key is of no use without --certificate")
     require_station()

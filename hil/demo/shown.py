@@ -4,7 +4,7 @@
 import contextlib
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
@@ -16,7 +16,6 @@ from segway_ecc.firmware_io.clock import Clock, RealClock
 from segway_ecc.hil.demo.lockstep_robot import LockstepRobot
 from segway_ecc.hil.demo.parts import DemoParts, Parts, PartsSetup
 from segway_ecc.hil.processes import inherited, own_ros_domain, quiet
-from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.config import RobotFile
 
 LOGS: Final = "logs"
@@ -31,16 +30,12 @@ class ShownRobot(NamedTuple):
         clock: Its time.
         connect: How a station reaches it.
         archives: How its archive of logs is asked, beside the logs on this machine.
-        states: Of its plant.
-        measured: What its plant gives.
     """
 
     parts: Parts
     clock: Clock
     connect: Connect
     archives: Archives
-    states: Sequence[str]
-    measured: Sequence[str]
 
 
 class _NoArchives:
@@ -59,23 +54,19 @@ def over_processes(source: str, file: RobotFile, folder: Path) -> Iterator[Shown
     """Plant, guard and node of the robot file `source` as processes, over ROS in a domain of their own."""
     bus = ("--interface", "local", "--channel", f"demo_{os.getpid()}")
     setup = PartsSetup(source, bus, folder, ("--ros", "--log", str(folder / LOGS / f"{file.name}.mcap")))
-    plant = simulated_plant(file)
-    states, measured = [state.name for state in plant.states], [output.name for output in plant.outputs]
     with contextlib.ExitStack() as stack:
         # A domain of its own: no real robot of this network is on the page, and nobody else finds this one.
         for name, value in own_ros_domain().items():
             stack.enter_context(inherited(name, value))
         sys.stderr.write(f"segway-ecc: starting '{source}', its plant and its guard\n")
         parts = stack.enter_context(DemoParts(setup))
-        yield ShownRobot(parts, RealClock(), OVER_ROS, ArchiveCalls(), states, measured)
+        yield ShownRobot(parts, RealClock(), OVER_ROS, ArchiveCalls())
 
 
 @contextlib.contextmanager
 def in_lock_step(source: str, file: RobotFile, folder: Path) -> Iterator[ShownRobot]:
     """The same in one thread of this process, without ROS; see `LockstepRobot`."""
-    plant = simulated_plant(file)
-    states, measured = [state.name for state in plant.states], [output.name for output in plant.outputs]
     robot = LockstepRobot(file, folder / LOGS, RealClock())
     sys.stderr.write(f"segway-ecc: '{source}', its plant and its guard run in lock step, without ROS\n")
     with quiet("segway_ecc.node.cycle", "segway_ecc.firmware_io"), robot:
-        yield ShownRobot(robot, robot.clock, robot.network.connect, _NoArchives(), states, measured)
+        yield ShownRobot(robot, robot.clock, robot.network.connect, _NoArchives())

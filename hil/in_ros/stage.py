@@ -4,7 +4,7 @@
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
@@ -12,7 +12,6 @@ from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, VariableWri
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.ros.remote import RemoteStage, RosBridge
-from segway_ecc.node.safety.modes import Answer
 
 _POLL_S: Final = 0.0002
 _AGAIN_S: Final = 0.1
@@ -21,6 +20,7 @@ _MOST_WAITING: Final = 16
 """Messages that may wait for the ROS process, so that none is lost however fast the simulation is."""
 _LETS_GO_S: Final = 10.0
 """A ROS process that takes nothing for so long has failed, and is not waited for."""
+_Answer = TypeVar("_Answer")
 
 
 class Pace(NamedTuple):
@@ -147,24 +147,16 @@ class LockstepStage:
     def _with_counted_answers(self, inbox: Inbox) -> Inbox:
         """The same, with a count of what has no answer yet."""
         inbox.requests = [Request(each.action, self._counted(each.answer)) for each in inbox.requests]
-        inbox.writes = [VariableWrite(each.values, self._counted_write(each.answer)) for each in inbox.writes]
+        inbox.writes = [VariableWrite(each.values, self._counted(each.answer)) for each in inbox.writes]
         return inbox
 
-    def _counted(self, answer: Callable[[Answer], None]) -> Callable[[Answer], None]:
+    def _counted(self, answer: Callable[[_Answer], None]) -> Callable[[_Answer], None]:
         self._open += 1
-        return partial(self._close_request, answer)
+        return partial(self._close, answer)
 
-    def _close_request(self, answer: Callable[[Answer], None], answered: Answer) -> None:
+    def _close(self, answer: Callable[[_Answer], None], given: _Answer) -> None:
         self._open -= 1
-        answer(answered)
-
-    def _counted_write(self, answer: Callable[[str], None]) -> Callable[[str], None]:
-        self._open += 1
-        return partial(self._close_write, answer)
-
-    def _close_write(self, answer: Callable[[str], None], refusal: str) -> None:
-        self._open -= 1
-        answer(refusal)
+        answer(given)
 
 
 def _is_a_turn(inbox: Inbox) -> bool:

@@ -29,7 +29,6 @@ _ITEM: Final = 6
 _NOT_THERE: Final = 4
 _RECORDED: Final = 20
 _RECORDED_WITHIN_S: Final = 5.0
-_ENDS_WITHIN_S: Final = 30.0
 _PERIOD_S: Final = 0.005
 _REPLAYED_S: Final = 1.0
 _NEEDS_GUARD: Final = (("  watchdog_s: 0.04", "  guard: required\n  watchdog_s: 0.04"),)

@@ -5,35 +5,31 @@ import argparse
 import contextlib
 import importlib
 import importlib.metadata
-import logging
-import os
 import socket
 import tempfile
-import webbrowser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient
+from segway_ecc.deploy.station.local_page import LOOPBACK, add_page, check_port, open_page
 from segway_ecc.deploy.station.requirements import require_web
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.site_address import bind, site_address_of, url
 from segway_ecc.hil.demo.bench import TestBench
 from segway_ecc.hil.demo.shown import LOGS, ShownRobot, in_lock_step, over_processes
+from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, print_found, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection, load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
+from segway_ecc.node.model.model import Model
 from segway_ecc.node.ros.runtime import missing_packages, require_ros
 
 _BEST: Final = "segway"
-_ADDRESS: Final = "127.0.0.1"
 _PORT: Final = 8700
-_LARGEST_PORT: Final = 65_535
-_DISPLAYS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-_logger = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,16 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action=argparse.BooleanOptionalAction,
         help="as processes over ROS, or in one process and in lock step with the plant (default: over ROS if there)",
     )
-    option("--port", type=int, default=_PORT, help=f"of the page, 0 for any that is free (default: {_PORT})")
-    option("--browser", action=argparse.BooleanOptionalAction, help="open the page (default: where there is a screen)")
+    add_page(parser, _PORT)
     add_json(parser)
 
 
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Show the robot until Ctrl-C."""
-    if not 0 <= options.port <= _LARGEST_PORT:
-        raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
+    check_port(options.port)
     require_web()
     if options.ros:
         require_ros()
@@ -66,39 +60,36 @@ def run(options: argparse.Namespace) -> int:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="segway-ecc-demo-")))
         (folder / LOGS).mkdir()
         stack.enter_context(messages())
-        sockets = bind(_ADDRESS, options.port)
+        sockets = bind(LOOPBACK, options.port)
         for bound in sockets:
             stack.callback(bound.close)
+        plant = simulated_plant(file)  # without one nothing is started
         shown = stack.enter_context((over_processes if over_ros else in_lock_step)(options.robot, file, folder))
-        report = _serve(options, sockets, shown, folder)
+        report = _serve(options, sockets, (shown, plant), folder)
     print_found(options, report, {"ended by": str(report["ended_by"])})
     return 0
 
 
 def _serve(
-    options: argparse.Namespace, sockets: Sequence[socket.socket], shown: ShownRobot, folder: Path
+    options: argparse.Namespace, sockets: Sequence[socket.socket], simulated: tuple[ShownRobot, Model], folder: Path
 ) -> Mapping[str, object]:
+    shown, plant = simulated
+    states, measured = [state.name for state in plant.states], [output.name for output in plant.outputs]
     server = importlib.import_module("segway_ecc.deploy.station.web.server")  # only here: it needs aiohttp
     place = site_address_of(sockets, "http", [])
     with contextlib.ExitStack() as stack:
         archive = stack.enter_context(contextlib.closing(ArchiveClient(shown.archives, folder / "fetched")))
         station = stack.enter_context(Station("demo", shown.connect, folder=folder))
-        bench = stack.enter_context(
-            contextlib.closing(TestBench(station, shown.parts, shown.states, shown.measured, shown.clock))
-        )
+        bench = stack.enter_context(contextlib.closing(TestBench(station, shown.parts, states, measured, shown.clock)))
         bundle = StationBundle(station, archive.bundle, folder, folder / LOGS)
         version = importlib.metadata.version("segway-ecc")
         settings = server.ServerSettings(place, folder, folder / LOGS, version, bundle, archive)
-        address = url(_ADDRESS, place)
+        address = url(LOOPBACK, place)
         report: Mapping[str, object] = server.serve(
-            bench, sockets, settings, stopped_by_signals, lambda: _open(options, address)
+            bench,
+            sockets,
+            settings,
+            stopped_by_signals,
+            lambda: open_page(address, "all of it", wanted=options.browser),
         )
     return report
-
-
-def _open(options: argparse.Namespace, address: str) -> None:
-    """Open the page where somebody can see it."""
-    has_screen = any(os.environ.get(name) for name in _DISPLAYS)
-    wanted = has_screen if options.browser is None else options.browser
-    is_open = wanted and webbrowser.open(address)
-    _logger.info("%s %s; Ctrl-C ends all of it", "the page is open:" if is_open else "open", address)

@@ -2,7 +2,6 @@
 """Serves the page that plays one log, and nothing else, to the browsers of this machine; nobody has to sign in."""
 
 import asyncio
-import contextlib
 import os
 import socket
 from collections.abc import Awaitable, Callable, Sequence
@@ -15,7 +14,7 @@ from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.app import PLAYER, page_file, page_files, prepare
 from segway_ecc.deploy.station.web.downloads import player_path
 from segway_ecc.deploy.station.web.log_views import LogViews
-from segway_ecc.deploy.station.web.server import Stoppable
+from segway_ecc.deploy.station.web.server import Stoppable, ending
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, json_response, refusal
 from segway_ecc.deploy.station.web.site_address import SiteAddress
 
@@ -90,25 +89,15 @@ def serve_log(
     """Serve a log until a signal, which is returned; the sockets are bound, browsers can connect at `ready`."""
 
     async def serve_until_stopped() -> str:
-        ended = asyncio.Event()
-        loop = asyncio.get_running_loop()
-        causes: list[str] = []
-
-        def end(cause: str) -> None:
-            causes.append(cause)
-            with contextlib.suppress(RuntimeError):  # a second signal, after the end
-                loop.call_soon_threadsafe(ended.set)
-
         runner = web.AppRunner(LogServer(path, place).app(), access_log=None, shutdown_timeout=_ENDS_WITHIN_S)
-        with stoppable(end):
+        with ending(stoppable) as ended:
             await runner.setup()
             try:
                 for bound in sockets:
                     await web.SockSite(runner, bound).start()
                 ready()
-                await ended.wait()
+                return await ended
             finally:
                 await runner.cleanup()
-        return causes[0]
 
     return asyncio.run(serve_until_stopped())

@@ -8,7 +8,7 @@ import socket
 import ssl
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final, NamedTuple, Self, TypeAlias
@@ -125,6 +125,24 @@ class Server:
         return False
 
 
+@contextlib.contextmanager
+def ending(stoppable: Stoppable) -> Iterator[asyncio.Future[str]]:
+    """What ends us, once something does, by its first cause; within a running event loop."""
+    loop = asyncio.get_running_loop()
+    ended: asyncio.Future[str] = loop.create_future()
+
+    def note(cause: str) -> None:
+        if not ended.done():
+            ended.set_result(cause)
+
+    def end(cause: str) -> None:
+        with contextlib.suppress(RuntimeError):  # a second signal, after the end
+            loop.call_soon_threadsafe(note, cause)
+
+    with stoppable(end):
+        yield ended
+
+
 def serve(
     robots: Robots,
     sockets: Sequence[socket.socket],
@@ -138,21 +156,12 @@ def serve(
     """
 
     async def serve_until_stopped() -> Mapping[str, object]:
-        ended = asyncio.Event()
-        loop = asyncio.get_running_loop()
-        causes: list[str] = []
-
-        def end(cause: str) -> None:
-            causes.append(cause)
-            with contextlib.suppress(RuntimeError):  # a second signal, after the end
-                loop.call_soon_threadsafe(ended.set)
-
-        with stoppable(end):
+        with ending(stoppable) as ended:
             async with Server(robots, sockets, settings) as server:
                 ready()
-                await ended.wait()
+                cause = await ended
         return {
-            "ended_by": causes[0],
+            "ended_by": cause,
             "refused": dict(server.shared.refusals.most_common()),
             "station_refused": dict(robots.refused()),
             "audit_lost": server.shared.audit.lost,
